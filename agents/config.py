@@ -1,0 +1,157 @@
+"""What an experiment is: one YAML file, checked before anything heavy is imported."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+AlgorithmName = Literal["PPO", "A2C", "SAC", "TD3", "DDPG"]
+OFF_POLICY_ALGORITHMS = frozenset({"SAC", "TD3", "DDPG"})
+MANAGED_HYPERPARAMETERS = frozenset(
+    {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "replay_buffer_class", "replay_buffer_kwargs"}
+)
+
+Count = Annotated[int, Field(ge=1)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+
+
+class ConfigError(ValueError):
+    """A configuration file that cannot be used; the message names the file and every offending entry."""
+
+
+class _Section(BaseModel):
+    """A part of the configuration: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class EnvironmentConfig(_Section):
+    """Which environment, and the keyword arguments it is made with."""
+
+    id: str
+    kwargs: dict[str, Any] = Field(default_factory=dict)
+
+
+class NormalisationConfig(_Section):
+    """Running normalisation of what the learner sees."""
+
+    observation: bool = True
+    reward: bool = True
+    clip: Annotated[float, Field(gt=0)] = 10.0
+
+
+class HindsightConfig(_Section):
+    """Hindsight experience replay: goals replaced by what was reached later."""
+
+    goals_per_transition: Count = 4
+    strategy: Literal["future", "final", "episode"] = "future"
+
+
+class EvaluationConfig(_Section):
+    """Held-out episodes: episode `i` starts from ``reset(seed=seed + i)``, whatever the policy."""
+
+    episodes: Count = 500
+    seed: Seed = 1_000_000
+
+
+class ExperimentConfig(_Section):
+    """One training run and its evaluation.
+
+    `hyperparameters` go to the Stable-Baselines3 algorithm. Two spellings are added to its own: an activation
+    function by name (``policy_kwargs: {activation_fn: tanh}``) and a schedule that falls linearly over the training
+    (``learning_rate: {start: 3e-4, end: 1e-5}``).
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    environment: EnvironmentConfig
+    algorithm: AlgorithmName = "PPO"
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    hindsight: HindsightConfig | None = None
+    num_envs: Count = 64
+    total_steps: Count
+    seed: Seed = 0
+    torch_threads: Count = 1
+    normalisation: NormalisationConfig = NormalisationConfig()
+    checkpoint_every: Count = 100_000
+    evaluation: EvaluationConfig = EvaluationConfig()
+
+    @property
+    def is_off_policy(self) -> bool:
+        """Whether the algorithm learns from a replay buffer."""
+        return self.algorithm in OFF_POLICY_ALGORITHMS
+
+    @model_validator(mode="after")
+    def _check_hindsight(self) -> Self:
+        if self.hindsight is not None and not self.is_off_policy:
+            raise ValueError(f"hindsight needs a replay buffer, which {self.algorithm} does not have")
+        return self
+
+    @model_validator(mode="after")
+    def _check_hyperparameters(self) -> Self:
+        managed = sorted(MANAGED_HYPERPARAMETERS & self.hyperparameters.keys())
+        if managed:
+            raise ValueError(f"hyperparameters that are set elsewhere in the configuration: {', '.join(managed)}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_held_out_seeds(self) -> Self:
+        training = range(self.seed, self.seed + self.num_envs)
+        held_out = range(self.evaluation.seed, self.evaluation.seed + self.evaluation.episodes)
+        if training.start < held_out.stop and held_out.start < training.stop:
+            raise ValueError(f"the seeds of the evaluation ({held_out}) include seeds of the training ({training})")
+        return self
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML's safe loader, which also reads ``3e-4`` as a number (YAML 1.1 takes it for text)."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def load_config(path: Path) -> ExperimentConfig:
+    """Experiment described by a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not YAML or does not describe an experiment; every offending entry is listed.
+    """
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+    return parse_config(content, source=str(path))
+
+
+def parse_config(content: object, source: str = "configuration") -> ExperimentConfig:
+    """Experiment described by plain data; `source` names it in errors.
+
+    Raises
+    ------
+    ConfigError
+        If an entry is missing, unknown or out of range.
+    """
+    try:
+        return ExperimentConfig.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(_describe(error, source)) from error
+
+
+def save_config(config: ExperimentConfig, path: Path) -> None:
+    """Write the experiment, defaults included, as YAML that `load_config` reads back to an equal value."""
+    path.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+
+
+def _describe(error: ValidationError, source: str) -> str:
+    lines = [f"{source}: {error.error_count()} problem(s)"]
+    for problem in error.errors(include_url=False):
+        entry = ".".join(str(part) for part in problem["loc"]) or "the whole"
+        lines.append(f"  {entry}: {problem['msg'].removeprefix('Value error, ')}")
+    return "\n".join(lines)

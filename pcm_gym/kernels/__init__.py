@@ -1,0 +1,1 @@
+"""Compiled mathematics on plain arrays: elliptic functions, one rod, closure, Newton, stability, continuation."""

@@ -1,0 +1,316 @@
+"""Closure and equilibrium of any planar parallel continuum mechanism, and the linear systems they lead to.
+
+A mechanism is a table with one row per leg (columns below); a revolute and a prismatic leg differ only in numbers.
+All quantities are dimensionless: lengths in a reference length, forces in reference stiffness / length^2.
+
+State vector x (2 n + d): per leg the load g seen from its tip (see `rod`), then the pose: (x, y) of a point
+end-effector (d = 2) or (x, y, phi) of a platform (d = 3). Rows of the residual: per leg the two of
+closure, B_i + p_i - (x, y) - Rot(phi) c_i, then the equilibrium of the end-effector, sum f_i - F, and about its
+origin, sum (Rot(phi) c_i) x f_i - M.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.linear import solve_linear
+from pcm_gym.kernels.rod import rod
+
+Array = NDArray[np.float64]
+
+# Columns of the leg table. The clamp is at base + input * axis and points along clamp_angle + input * turn.
+BASE_X, BASE_Y, AXIS_X, AXIS_Y, CLAMP_ANGLE, TURN, LENGTH, STIFFNESS, ATTACH_X, ATTACH_Y, LOWER, UPPER = range(12)
+LEG_COLUMNS = 12
+
+# Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); own index.
+TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX = 0, 1, 2, 3, 4, 8, 12
+_ROD_COLUMNS = 13
+
+# Below this sine of the angle between the two columns of d tip / d g, the rod's stiffness is not used for solving.
+_CONDENSATION_LIMIT = 1e-6
+
+
+class Workspace(NamedTuple):
+    """Scratch arrays of one mechanism; a kernel that is called in a loop gets one from outside the loop."""
+
+    clamps: Array  # (legs, 4): clamp point and cosine, sine of the clamp's angle
+    rods: Array  # (legs, 13): the rod table
+    residual: Array  # (2 legs + d,)
+    step: Array  # (2 legs + d,): solution of the last linear system
+    stiffness: Array  # (3, 3)
+    small_matrix: Array  # (3, 3)
+    small_vector: Array  # (3,)
+    matrix: Array  # (2 legs + d + 1, 2 legs + d + 1)
+    vector: Array  # (2 legs + d + 1,)
+    leg_stiffness: Array  # (legs, 3): xx, xy, yy of d force / d tip
+
+
+@kernel
+def make_workspace(leg_count: int, size: int) -> Workspace:
+    """Return scratch arrays for `leg_count` legs and a state of `size` = 2 legs + d numbers."""
+    return Workspace(
+        np.zeros((leg_count, 4)),
+        np.zeros((leg_count, _ROD_COLUMNS)),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.zeros((size + 1, size + 1)),
+        np.zeros(size + 1),
+        np.zeros((leg_count, 3)),
+    )
+
+
+@kernel
+def set_inputs(legs: Array, inputs: Array, work: Workspace) -> None:
+    """Place the clamps for these actuator inputs."""
+    clamps = work.clamps
+    for i in range(legs.shape[0]):
+        angle = legs[i, CLAMP_ANGLE] + legs[i, TURN] * inputs[i]
+        clamps[i, 0] = legs[i, BASE_X] + legs[i, AXIS_X] * inputs[i]
+        clamps[i, 1] = legs[i, BASE_Y] + legs[i, AXIS_Y] * inputs[i]
+        clamps[i, 2] = math.cos(angle)
+        clamps[i, 3] = math.sin(angle)
+
+
+@kernel
+def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
+    """Fill the rod table for the loads g in `x`; the clamps must be set."""
+    clamps, rods = work.clamps, work.rods
+    for i in range(legs.shape[0]):
+        point = rod(x[2 * i], x[2 * i + 1])
+        length = legs[i, LENGTH]
+        unit_force = legs[i, STIFFNESS] / (length * length)
+        tip_c, tip_s = length * clamps[i, 2], length * clamps[i, 3]
+        force_c, force_s = unit_force * clamps[i, 2], unit_force * clamps[i, 3]
+        rods[i, TIP_X] = tip_c * point.tip_x - tip_s * point.tip_y
+        rods[i, TIP_Y] = tip_s * point.tip_x + tip_c * point.tip_y
+        rods[i, FORCE_X] = force_c * point.force_x - force_s * point.force_y
+        rods[i, FORCE_Y] = force_s * point.force_x + force_c * point.force_y
+        rods[i, TIP_G] = tip_c * point.tip_x_gx - tip_s * point.tip_y_gx
+        rods[i, TIP_G + 1] = tip_c * point.tip_x_gy - tip_s * point.tip_y_gy
+        rods[i, TIP_G + 2] = tip_s * point.tip_x_gx + tip_c * point.tip_y_gx
+        rods[i, TIP_G + 3] = tip_s * point.tip_x_gy + tip_c * point.tip_y_gy
+        rods[i, FORCE_G] = force_c * point.force_x_gx - force_s * point.force_y_gx
+        rods[i, FORCE_G + 1] = force_c * point.force_x_gy - force_s * point.force_y_gy
+        rods[i, FORCE_G + 2] = force_s * point.force_x_gx + force_c * point.force_y_gx
+        rods[i, FORCE_G + 3] = force_s * point.force_x_gy + force_c * point.force_y_gy
+        rods[i, DEAD_LOAD_INDEX] = point.dead_load_index
+
+
+@kernel
+def attachment(legs: Array, x: Array, leg: int) -> tuple[float, float]:
+    """Return Rot(phi) c of a leg: its hinge from the end-effector's origin, world frame."""
+    if x.shape[0] == 2 * legs.shape[0] + 2:
+        return 0.0, 0.0
+    phi = x[2 * legs.shape[0] + 2]
+    c, s = math.cos(phi), math.sin(phi)
+    return c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y], s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
+
+
+@kernel
+def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[float, float]:
+    """Fill `work.residual` from the rod table; return the largest closure error and the largest relative force error.
+
+    The force error is relative to 1 + the largest rod force.
+    """
+    leg_count, pose = legs.shape[0], 2 * legs.shape[0]
+    dof = x.shape[0] - pose
+    residual, rods, clamps = work.residual, work.rods, work.clamps
+    closure_error, largest_force = 0.0, 0.0
+    for d in range(dof):
+        residual[pose + d] = -load[d]
+    for i in range(leg_count):
+        arm_x, arm_y = attachment(legs, x, i)
+        force_x, force_y = rods[i, FORCE_X], rods[i, FORCE_Y]
+        residual[2 * i] = clamps[i, 0] + rods[i, TIP_X] - x[pose] - arm_x
+        residual[2 * i + 1] = clamps[i, 1] + rods[i, TIP_Y] - x[pose + 1] - arm_y
+        residual[pose] += force_x
+        residual[pose + 1] += force_y
+        if dof == 3:
+            residual[pose + 2] += arm_x * force_y - arm_y * force_x
+        closure_error = max(closure_error, abs(residual[2 * i]), abs(residual[2 * i + 1]))
+        largest_force = max(largest_force, abs(force_x), abs(force_y))
+    force_error = 0.0
+    for d in range(dof):
+        force_error = max(force_error, abs(residual[pose + d]))
+    return closure_error, force_error / (1.0 + largest_force)
+
+
+@kernel
+def is_condensable(work: Workspace, leg: int) -> bool:
+    """Return whether the tip of a rod answers to both of its loads independently: false at a pole of its stiffness."""
+    p_xx, p_xy = work.rods[leg, TIP_G], work.rods[leg, TIP_G + 1]
+    p_yx, p_yy = work.rods[leg, TIP_G + 2], work.rods[leg, TIP_G + 3]
+    columns = math.sqrt((p_xx * p_xx + p_yx * p_yx) * (p_xy * p_xy + p_yy * p_yy))
+    return abs(p_xx * p_yy - p_xy * p_yx) > _CONDENSATION_LIMIT * columns
+
+
+@kernel
+def set_leg_stiffness(legs: Array, work: Workspace) -> bool:
+    """Fill d force / d tip of each leg; return whether every leg is far enough from a pole of it."""
+    regular = True
+    rods = work.rods
+    for i in range(legs.shape[0]):
+        p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
+        q_xx, q_xy, q_yx, q_yy = rods[i, FORCE_G], rods[i, FORCE_G + 1], rods[i, FORCE_G + 2], rods[i, FORCE_G + 3]
+        regular = regular and is_condensable(work, i)
+        inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
+        work.leg_stiffness[i, 0] = (q_xx * p_yy - q_xy * p_yx) * inverse
+        upper = (q_xy * p_xx - q_xx * p_xy) * inverse
+        lower = (q_yx * p_yy - q_yy * p_yx) * inverse
+        work.leg_stiffness[i, 1] = 0.5 * (upper + lower)
+        work.leg_stiffness[i, 2] = (q_yy * p_xx - q_yx * p_xy) * inverse
+    return regular
+
+
+@kernel
+def set_stiffness(legs: Array, x: Array, work: Workspace) -> None:
+    """Fill `work.stiffness`, K = sum D' A D - diag(0, 0, sum (Rot(phi) c) . f), from the legs' stiffness A."""
+    leg_count = legs.shape[0]
+    dof = x.shape[0] - 2 * leg_count
+    stiffness = work.stiffness
+    stiffness[:, :] = 0.0
+    for i in range(leg_count):
+        a_xx, a_xy, a_yy = work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2]
+        stiffness[0, 0] += a_xx
+        stiffness[0, 1] += a_xy
+        stiffness[1, 1] += a_yy
+        if dof == 3:
+            arm_x, arm_y = attachment(legs, x, i)
+            turn_x, turn_y = a_xy * arm_x - a_xx * arm_y, a_yy * arm_x - a_xy * arm_y
+            stiffness[0, 2] += turn_x
+            stiffness[1, 2] += turn_y
+            stiffness[2, 2] += arm_x * turn_y - arm_y * turn_x
+            stiffness[2, 2] -= arm_x * work.rods[i, FORCE_X] + arm_y * work.rods[i, FORCE_Y]
+    stiffness[1, 0], stiffness[2, 0], stiffness[2, 1] = stiffness[0, 1], stiffness[0, 2], stiffness[1, 2]
+
+
+@kernel
+def solve_equilibrium_system(legs: Array, x: Array, right: Array, work: Workspace) -> float:
+    """Solve J step = -right for the Jacobian J of the residual by x at the rod table; fill `work.step`.
+
+    The rods are condensed onto the end-effector, so that its stiffness K is the only matrix. Where a rod's own
+    stiffness has a pole (a straight rod, for one), K does not exist though J is regular: there the full system is
+    solved. Returns 0 where the matrix is singular.
+    """
+    if set_leg_stiffness(legs, work):
+        set_stiffness(legs, x, work)
+        return _solve_condensed(legs, x, right, work)
+    size = x.shape[0]
+    set_matrix(legs, x, work)
+    for row in range(size):
+        work.vector[row] = -right[row]
+    quality = solve_linear(work.matrix, work.vector, size)
+    for row in range(size):
+        work.step[row] = work.vector[row]
+    return quality
+
+
+@kernel
+def _solve_condensed(legs: Array, x: Array, right: Array, work: Workspace) -> float:
+    pose = 2 * legs.shape[0]
+    dof = x.shape[0] - pose
+    move, step, rods = work.small_vector, work.step, work.rods
+    for d in range(dof):
+        move[d] = -right[pose + d]
+        for e in range(dof):
+            work.small_matrix[d, e] = work.stiffness[d, e]
+    for i in range(legs.shape[0]):
+        a_xx, a_xy, a_yy = work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2]
+        pull_x = a_xx * right[2 * i] + a_xy * right[2 * i + 1]
+        pull_y = a_xy * right[2 * i] + a_yy * right[2 * i + 1]
+        move[0] += pull_x
+        move[1] += pull_y
+        if dof == 3:
+            arm_x, arm_y = attachment(legs, x, i)
+            move[2] += arm_x * pull_y - arm_y * pull_x
+    quality = solve_linear(work.small_matrix, move, dof)
+    for d in range(dof):
+        step[pose + d] = move[d]
+    for i in range(legs.shape[0]):
+        tip_x, tip_y = move[0] - right[2 * i], move[1] - right[2 * i + 1]
+        if dof == 3:
+            arm_x, arm_y = attachment(legs, x, i)
+            tip_x -= arm_y * move[2]
+            tip_y += arm_x * move[2]
+        p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
+        inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
+        step[2 * i] = (p_yy * tip_x - p_xy * tip_y) * inverse
+        step[2 * i + 1] = (p_xx * tip_y - p_yx * tip_x) * inverse
+    return quality
+
+
+@kernel
+def set_matrix(legs: Array, x: Array, work: Workspace) -> None:
+    """Fill `work.matrix` with the full Jacobian of the residual by x."""
+    pose, size = 2 * legs.shape[0], x.shape[0]
+    matrix = work.matrix
+    matrix[:size, :size] = 0.0
+    for i in range(legs.shape[0]):
+        _set_rod_columns(legs, x, work, i)
+        arm_x, arm_y = attachment(legs, x, i)
+        matrix[2 * i, pose] = -1.0
+        matrix[2 * i + 1, pose + 1] = -1.0
+        if size - pose == 3:
+            matrix[2 * i, pose + 2] = arm_y
+            matrix[2 * i + 1, pose + 2] = -arm_x
+            matrix[pose + 2, pose + 2] -= arm_x * work.rods[i, FORCE_X] + arm_y * work.rods[i, FORCE_Y]
+
+
+@kernel
+def _set_rod_columns(legs: Array, x: Array, work: Workspace, leg: int) -> None:
+    pose = 2 * legs.shape[0]
+    arm_x, arm_y = attachment(legs, x, leg)
+    matrix, rods = work.matrix, work.rods
+    for j in range(2):
+        column = 2 * leg + j
+        matrix[2 * leg, column] = rods[leg, TIP_G + j]
+        matrix[2 * leg + 1, column] = rods[leg, TIP_G + 2 + j]
+        matrix[pose, column] = rods[leg, FORCE_G + j]
+        matrix[pose + 1, column] = rods[leg, FORCE_G + 2 + j]
+        if x.shape[0] - pose == 3:
+            matrix[pose + 2, column] = arm_x * rods[leg, FORCE_G + 2 + j] - arm_y * rods[leg, FORCE_G + j]
+
+
+@kernel
+def set_inverse_matrix(legs: Array, x: Array, work: Workspace) -> None:
+    """Fill `work.matrix` with the Jacobian of the residual by (rods, inputs), the pose held."""
+    pose, size = 2 * legs.shape[0], x.shape[0]
+    matrix = work.matrix
+    matrix[:size, :size] = 0.0
+    for i in range(legs.shape[0]):
+        _set_rod_columns(legs, x, work, i)
+        add_input_derivative(legs, x, work, i, 1.0, matrix[:, pose + i])
+
+
+@kernel
+def add_input_derivative(legs: Array, x: Array, work: Workspace, leg: int, rate: float, out: Array) -> None:
+    """Add to `out` the derivative of the residual by the input of one leg, times `rate`."""
+    pose = 2 * legs.shape[0]
+    rods, turn = work.rods, rate * legs[leg, TURN]
+    pull_x, pull_y = -turn * rods[leg, FORCE_Y], turn * rods[leg, FORCE_X]
+    out[2 * leg] += rate * legs[leg, AXIS_X] - turn * rods[leg, TIP_Y]
+    out[2 * leg + 1] += rate * legs[leg, AXIS_Y] + turn * rods[leg, TIP_X]
+    out[pose] += pull_x
+    out[pose + 1] += pull_y
+    if x.shape[0] - pose == 3:
+        arm_x, arm_y = attachment(legs, x, leg)
+        out[pose + 2] += arm_x * pull_y - arm_y * pull_x
+
+
+@kernel
+def set_path_derivative(
+    legs: Array, x: Array, input_rate: Array, load_rate: Array, work: Workspace, out: Array
+) -> None:
+    """Fill `out` with the derivative of the residual along a line in (inputs, load) at the rod table."""
+    pose = 2 * legs.shape[0]
+    out[:] = 0.0
+    for i in range(legs.shape[0]):
+        add_input_derivative(legs, x, work, i, input_rate[i], out)
+    for d in range(x.shape[0] - pose):
+        out[pose + d] -= load_rate[d]

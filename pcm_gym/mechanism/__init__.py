@@ -1,0 +1,7 @@
+"""Mechanisms as frozen, validated data, and the catalogue of named ones."""
+
+from pcm_gym.mechanism.catalogue import get_mechanism, mechanism_names
+from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
+from pcm_gym.mechanism.mechanism import Mechanism, Units
+
+__all__ = ["Leg", "Mechanism", "Prismatic", "Revolute", "Rod", "Units", "get_mechanism", "mechanism_names"]

@@ -1,0 +1,30 @@
+"""The catalogued mechanisms: one file each, one line here."""
+
+from collections.abc import Callable
+
+from pcm_gym.mechanism.catalogue import three_pfr, two_pfr, two_rfr
+from pcm_gym.mechanism.mechanism import Mechanism
+
+_MAKERS: dict[str, Callable[[], Mechanism]] = {
+    "2RFR": two_rfr.make,
+    "2PFR": two_pfr.make,
+    "3PFR": three_pfr.make,
+}
+
+
+def mechanism_names() -> list[str]:
+    """Return the names of all catalogued mechanisms."""
+    return list(_MAKERS)
+
+
+def get_mechanism(name: str) -> Mechanism:
+    """Return the catalogued mechanism of that name, with its default geometry.
+
+    Raises
+    ------
+    ValueError
+        If the name is not in the catalogue; the message lists those that are.
+    """
+    if name not in _MAKERS:
+        raise ValueError(f"name must be one of {mechanism_names()}, got {name!r}")
+    return _MAKERS[name]()

@@ -1,0 +1,103 @@
+"""Rods, actuators and legs: the parts of a mechanism, as frozen and validated data."""
+
+from dataclasses import dataclass
+
+from pcm_gym.mechanism.validation import finite_number, finite_tuple, limit_pair, positive_number
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A slender, inextensible, initially straight elastic rod of constant cross-section.
+
+    Parameters
+    ----------
+    length : float
+        Length L in m, greater than 0.
+    bending_stiffness : float
+        EI in N m^2, greater than 0.
+    """
+
+    length: float = 1.0
+    bending_stiffness: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "length", positive_number("length", self.length))
+        object.__setattr__(
+            self, "bending_stiffness", positive_number("bending_stiffness", self.bending_stiffness)
+        )
+
+
+@dataclass(frozen=True)
+class Revolute:
+    """A motor that turns the clamp about its base point; its input is an angle in rad.
+
+    Parameters
+    ----------
+    base : (x, y)
+        The clamped point, in m.
+    clamp_angle : float
+        World angle of the clamp at input 0, in rad: the rod leaves at ``clamp_angle + input``.
+    limits : (lower, upper)
+        Range of the input, in rad.
+    """
+
+    base: tuple[float, float]
+    clamp_angle: float = 0.0
+    limits: tuple[float, float] = (-3.141592653589793, 3.141592653589793)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
+        object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
+        object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+
+
+@dataclass(frozen=True)
+class Prismatic:
+    """A slider that moves the clamp along an axis, its direction unchanged; its input is a distance in m.
+
+    Parameters
+    ----------
+    base : (x, y)
+        The clamped point at input 0, in m.
+    axis_angle : float
+        World angle of the axis, in rad: the clamped point is ``base + input (cos axis_angle, sin axis_angle)``.
+    clamp_angle : float
+        World angle at which the rod leaves the clamp, in rad.
+    limits : (lower, upper)
+        Range of the input, in m.
+    """
+
+    base: tuple[float, float]
+    axis_angle: float
+    clamp_angle: float
+    limits: tuple[float, float] = (-0.5, 0.5)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
+        object.__setattr__(self, "axis_angle", finite_number("axis_angle", self.axis_angle))
+        object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
+        object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+
+
+@dataclass(frozen=True)
+class Leg:
+    """An actuator, the rod clamped to it, and the hinge that joins the rod's tip to the end-effector.
+
+    Parameters
+    ----------
+    actuator : Revolute or Prismatic
+    rod : Rod
+    attachment : (x, y)
+        The hinge in the end-effector's frame, in m; (0, 0) for a point end-effector.
+    """
+
+    actuator: Revolute | Prismatic
+    rod: Rod = Rod()
+    attachment: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.actuator, Revolute | Prismatic):
+            raise TypeError(f"actuator must be a Revolute or a Prismatic, got {self.actuator!r}")
+        if not isinstance(self.rod, Rod):
+            raise TypeError(f"rod must be a Rod, got {self.rod!r}")
+        object.__setattr__(self, "attachment", finite_tuple("attachment", self.attachment, 2))

@@ -1,0 +1,181 @@
+"""A planar parallel continuum mechanism as data, and its translation into the leg table of the kernels."""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.kernels import closure
+from pcm_gym.mechanism.leg import Leg, Revolute
+from pcm_gym.mechanism.validation import finite_tuple, finite_vector
+
+
+@dataclass(frozen=True)
+class Units:
+    """Factors from the kernels' dimensionless numbers to the mechanism's own units (multiply to leave the kernels).
+
+    Lengths are measured in the mean rod length L, forces in EI / L^2 with the mean bending stiffness EI.
+    """
+
+    length: float
+    force: float
+    inputs: NDArray[np.float64]  # (legs,): 1 for an angle, L for a distance
+    pose: NDArray[np.float64]  # (d,): (L, L) or (L, L, 1)
+    load: NDArray[np.float64]  # (d,): (force, force) or (force, force, force L)
+
+    @property
+    def energy(self) -> float:
+        """Unit of energy: EI / L."""
+        return self.force * self.length
+
+    @property
+    def stiffness(self) -> NDArray[np.float64]:
+        """Units of the stiffness matrix, (d, d): energy over pose times pose."""
+        return self.energy / np.outer(self.pose, self.pose)
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Two or more legs that share one end-effector.
+
+    Two legs whose hinges coincide at the end-effector's origin make a point end-effector with pose (x, y); anything
+    else makes a rigid platform with pose (x, y, phi), which takes three legs.
+
+    Parameters
+    ----------
+    name : str
+    legs : sequence of Leg
+        Two for a point end-effector, three for a platform: as many actuators as degrees of freedom.
+    home_inputs : sequence of float, optional
+        Actuator inputs of the home position, rad or m, within the limits; the middle of the limits by default.
+    home_pose : sequence of float, optional
+        The stable equilibrium nearest to this pose is home; the one of least energy by default.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a part is of the wrong kind, shape or range.
+    """
+
+    name: str
+    legs: tuple[Leg, ...]
+    home_inputs: tuple[float, ...] | None = None
+    home_pose: tuple[float, ...] | None = None
+    description: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        legs = tuple(self.legs)
+        object.__setattr__(self, "legs", legs)
+        for leg in legs:
+            if not isinstance(leg, Leg):
+                raise TypeError(f"legs must be Leg objects, got {leg!r}")
+        if len(legs) not in (2, 3):
+            raise ValueError(f"legs must number 2 (point end-effector) or 3 (platform), got {len(legs)}")
+        if len(legs) == 2 and any(leg.attachment != (0.0, 0.0) for leg in legs):
+            raise ValueError(
+                "two legs must share a point end-effector, attachment (0, 0) each; "
+                f"got {[leg.attachment for leg in legs]} (a platform takes three legs)"
+            )
+        if len(legs) == 3 and len({leg.attachment for leg in legs}) == 1:
+            raise ValueError(f"the attachments of a platform must not all coincide, got {legs[0].attachment}")
+        self._check_home()
+
+    def _check_home(self) -> None:
+        if self.home_inputs is None:
+            home = tuple(0.5 * sum(leg.actuator.limits) for leg in self.legs)
+        else:
+            home = finite_tuple("home_inputs", self.home_inputs, len(self.legs))
+        object.__setattr__(self, "home_inputs", home)
+        for value, leg in zip(home, self.legs, strict=True):
+            lower, upper = leg.actuator.limits
+            if not lower <= value <= upper:
+                raise ValueError(f"home_inputs must be within the limits {leg.actuator.limits}, got {value}")
+        if self.home_pose is not None:
+            object.__setattr__(self, "home_pose", finite_tuple("home_pose", self.home_pose, self.dof))
+
+    @property
+    def leg_count(self) -> int:
+        """Number of legs, and of actuator inputs."""
+        return len(self.legs)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom d of the end-effector: 2 (point) or 3 (platform)."""
+        return 2 if self.leg_count == 2 else 3
+
+    @property
+    def state_size(self) -> int:
+        """Size of the kernels' state vector, 2 legs + d."""
+        return 2 * self.leg_count + self.dof
+
+    @cached_property
+    def lower_limits(self) -> NDArray[np.float64]:
+        """Lower limits of the inputs, (legs,), rad or m."""
+        return np.array([leg.actuator.limits[0] for leg in self.legs])
+
+    @cached_property
+    def upper_limits(self) -> NDArray[np.float64]:
+        """Upper limits of the inputs, (legs,), rad or m."""
+        return np.array([leg.actuator.limits[1] for leg in self.legs])
+
+    @cached_property
+    def units(self) -> Units:
+        """Factors between the kernels' dimensionless numbers and SI."""
+        length = math.fsum(leg.rod.length for leg in self.legs) / self.leg_count
+        stiffness = math.fsum(leg.rod.bending_stiffness for leg in self.legs) / self.leg_count
+        force = stiffness / length**2
+        is_angle = [isinstance(leg.actuator, Revolute) for leg in self.legs]
+        return Units(
+            length=length,
+            force=force,
+            inputs=np.where(is_angle, 1.0, length),
+            pose=np.array([length, length, 1.0])[: self.dof],
+            load=np.array([force, force, force * length])[: self.dof],
+        )
+
+    @cached_property
+    def leg_table(self) -> NDArray[np.float64]:
+        """The kernels' view of the legs, dimensionless, (legs, 12); see `pcm_gym.kernels.closure`."""
+        table = np.zeros((self.leg_count, closure.LEG_COLUMNS))
+        units = self.units
+        for row, leg, input_unit in zip(table, self.legs, units.inputs, strict=True):
+            actuator, rod = leg.actuator, leg.rod
+            row[[closure.BASE_X, closure.BASE_Y]] = np.array(actuator.base) / units.length
+            row[closure.CLAMP_ANGLE] = actuator.clamp_angle
+            if isinstance(actuator, Revolute):
+                row[closure.TURN] = 1.0
+            else:
+                row[[closure.AXIS_X, closure.AXIS_Y]] = math.cos(actuator.axis_angle), math.sin(actuator.axis_angle)
+            row[closure.LENGTH] = rod.length / units.length
+            row[closure.STIFFNESS] = rod.bending_stiffness / (units.force * units.length**2)
+            row[[closure.ATTACH_X, closure.ATTACH_Y]] = np.array(leg.attachment) / units.length
+            row[[closure.LOWER, closure.UPPER]] = np.array(actuator.limits) / input_unit
+        table.setflags(write=False)
+        return table
+
+    def check_inputs(self, inputs: ArrayLike) -> NDArray[np.float64]:
+        """Return `inputs` as a new array (legs,); raise if shape or values are wrong (limits are not checked)."""
+        return finite_vector("inputs", inputs, self.leg_count)
+
+    def check_pose(self, pose: ArrayLike) -> NDArray[np.float64]:
+        """Return `pose` as a new array (d,); raise if shape or values are wrong."""
+        return finite_vector("pose", pose, self.dof)
+
+    def check_load(self, load: ArrayLike | None) -> NDArray[np.float64]:
+        """Return `load` as a new array (d,): (Fx, Fy), on a platform also M; missing parts are zero."""
+        full = np.zeros(self.dof)
+        if load is None:
+            return full
+        size = 2 if self.dof == 3 and np.shape(load) == (2,) else self.dof
+        full[:size] = finite_vector("load", load, size)
+        return full
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the data alone; what is derived is made again."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)

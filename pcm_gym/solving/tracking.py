@@ -1,0 +1,126 @@
+"""Following a branch of equilibria as the inputs and the load change."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pcm_gym.kernels import continuation
+from pcm_gym.kernels.closure import make_workspace
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.solving.equilibrium import Equilibrium
+
+
+class Event(StrEnum):
+    """Why a step along a branch ended where it did."""
+
+    NONE = "none"
+    FOLD = "fold"
+    INDEX_CHANGE = "index_change"
+    ACTUATOR_LIMIT = "actuator_limit"
+    SOLVER_FAILURE = "solver_failure"
+
+    @property
+    def message(self) -> str:
+        """What the event means, in a sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Event.NONE: "The target was reached.",
+    Event.FOLD: "The branch folds back: no equilibrium continues it, the mechanism would snap.",
+    Event.INDEX_CHANGE: "The branch goes on with another number of unstable directions (a bifurcation).",
+    Event.ACTUATOR_LIMIT: "An actuator met its limit.",
+    Event.SOLVER_FAILURE: "The solver could not follow the branch; this says nothing about the mechanism.",
+}
+
+# The kernels' event codes, in their order.
+EVENTS = (Event.NONE, Event.FOLD, Event.INDEX_CHANGE, Event.ACTUATOR_LIMIT, Event.SOLVER_FAILURE)
+
+
+@dataclass(frozen=True)
+class TrackedStep:
+    """Result of one step along a branch.
+
+    Attributes
+    ----------
+    equilibrium : Equilibrium
+        The target's equilibrium, or the last one before the event.
+    event : Event
+        Why the step ended; `Event.NONE` if the target was reached.
+    fraction : float
+        Part of the way that was gone, in [0, 1]; at a fold exact to 1e-8.
+    """
+
+    equilibrium: Equilibrium
+    event: Event
+    fraction: float
+
+
+class BranchTracker:
+    """Follows the branch of an equilibrium along straight lines in inputs and load.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    equilibrium : Equilibrium
+        Where to start; an equilibrium of this mechanism.
+    follow_index_changes : bool
+        Whether to go on through bifurcations, where the branch continues with another index. A fold always stops.
+    """
+
+    def __init__(self, mechanism: Mechanism, equilibrium: Equilibrium, *, follow_index_changes: bool = False) -> None:
+        if equilibrium.mechanism != mechanism:
+            raise ValueError(
+                f"equilibrium must belong to the mechanism {mechanism.name!r}, "
+                f"got one of {equilibrium.mechanism.name!r}"
+            )
+        self._mechanism = mechanism
+        self._equilibrium = equilibrium
+        self._follow_index_changes = follow_index_changes
+        self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
+        self._work = make_workspace(mechanism.leg_count, mechanism.state_size)
+
+    @property
+    def equilibrium(self) -> Equilibrium:
+        """The present equilibrium."""
+        return self._equilibrium
+
+    def step(self, inputs: ArrayLike, load: ArrayLike | None = None) -> TrackedStep:
+        """Follow the branch to these inputs and load, and stay where that ends.
+
+        Parameters
+        ----------
+        inputs : array_like (legs,)
+            Target inputs, rad or m.
+        load : array_like (d,), optional
+            Target load, N and N m; the present load by default.
+
+        Returns
+        -------
+        TrackedStep
+
+        Raises
+        ------
+        ValueError
+            If an argument has the wrong shape or is not finite.
+        """
+        mechanism, units, start = self._mechanism, self._mechanism.units, self._equilibrium
+        inputs_target = mechanism.check_inputs(inputs) / units.inputs
+        load_target = (start.load if load is None else mechanism.check_load(load)) / units.load
+        state = np.array(start.state)
+        inputs_reached, load_reached = start.inputs / units.inputs, start.load / units.load
+        tracked = continuation.track(
+            mechanism.leg_table,
+            state,
+            inputs_reached,
+            load_reached,
+            inputs_target,
+            load_target,
+            self._follow_index_changes,
+            self._line,
+            self._work,
+        )
+        self._equilibrium = Equilibrium(mechanism, state, inputs_reached * units.inputs, load_reached * units.load)
+        return TrackedStep(self._equilibrium, EVENTS[tracked.event], tracked.fraction)
