@@ -16,6 +16,7 @@ from agents.rollouts import EpisodeResult
 
 COLOURS = ("#1d4ed8", "#6b7280", "#b45309", "#7c3aed")
 RED = "#dc2626"
+LEAST_ERROR_MM = 1e-3
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "agents",
@@ -26,6 +27,7 @@ STYLE: Any = {
     "axes.edgecolor": "#9ca3af",
     "axes.labelcolor": "#374151",
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e5e7eb",
     "xtick.color": "#4b5563",
     "ytick.color": "#4b5563",
@@ -61,7 +63,8 @@ def outcomes(summaries: Sequence[PolicySummary], results: Sequence[EpisodeResult
         _draw_rates(rates, summaries)
         for summary, colour in zip(summaries, COLOURS, strict=False):
             own = [result.final_error for result in results if result.policy == summary.policy]
-            errors.ecdf(MM_PER_M * np.array(own), label=summary.policy, color=colour, linewidth=1.6)
+            shown = np.maximum(MM_PER_M * np.array(own), LEAST_ERROR_MM)
+            errors.ecdf(shown, label=summary.policy, color=colour, linewidth=1.6)
         errors.axvline(MM_PER_M * success_distance, color="#111827", linestyle="--", linewidth=1.0)
         errors.set(xscale="log", xlabel="final error (mm); dashed: within it a goal counts as reached")
         errors.set_ylabel("share of episodes")

@@ -10,7 +10,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import ExperimentConfig
-from agents.learning import algorithm_class
+from agents.learning import load_policy
 from agents.rollouts import Actions, RunningEpisode
 from agents.runs import TrainedFiles
 
@@ -94,7 +94,7 @@ class TrainedController:
 
 def load_trained(files: TrainedFiles, config: ExperimentConfig, *, is_deterministic: bool = True) -> TrainedController:
     """Controller from a run's files. They are pickles: load only what you trust."""
-    model = algorithm_class(config.algorithm).load(files.model, device="cpu")
+    model = load_policy(config, files.model)
     model.set_random_seed(config.evaluation.seed)
     normaliser = None if files.normalisation is None else pickle.loads(files.normalisation.read_bytes())
     return TrainedController(model, normaliser, is_deterministic=is_deterministic)
@@ -108,13 +108,13 @@ def pose_error(goal: Vector, pose: Vector) -> Vector:
 
 
 def damped_solution(jacobian: Matrix, error: Vector, damping: float) -> Vector:
-    """Damped least-squares solution `x` of ``jacobian x = error``; zero where the Jacobian is not finite.
+    """Damped least-squares solution `x` of ``jacobian x = error``; zero where the Jacobian is zero or not finite.
 
     Each singular value `s` is inverted as ``s / (s**2 + (damping * s_max)**2)``.
     """
-    if not np.isfinite(jacobian).all():
+    if not (np.isfinite(jacobian).all() and jacobian.any()):
         return np.zeros(jacobian.shape[1])
     left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-    floor = max(damping * values[0], np.finfo(np.float64).tiny)
-    solution: Vector = right.T @ (values / (values**2 + floor**2) * (left.T @ error))
+    inverted = values / (values**2 + (damping * values[0]) ** 2)
+    solution: Vector = right.T @ (inverted * (left.T @ error))
     return solution

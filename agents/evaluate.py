@@ -29,7 +29,7 @@ def evaluate(
         files = find_trained(trained)
         config = _overridden(load_config(files.config), episodes=episodes, seed=seed)
     except (ConfigError, RunError) as error:
-        console.print(str(error), style="red", markup=False)
+        console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(code=1) from error
     _run(config, files, is_deterministic=deterministic, wants_report=report)
 

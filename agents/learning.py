@@ -1,6 +1,7 @@
 """The learner of an experiment: its environments, its algorithm, and snapshots of both."""
 
 import inspect
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -71,10 +72,19 @@ def load_learner(config: ExperimentConfig, snapshot: Path) -> BaseAlgorithm:
         env = VecNormalize.load(str(snapshot / NORMALISATION), env)
     learner = algorithm_class(config.algorithm).load(snapshot / MODEL, env=env, device="cpu")
     if isinstance(learner, OffPolicyAlgorithm) and (snapshot / REPLAY_BUFFER).exists():
-        learner.load_replay_buffer(snapshot / REPLAY_BUFFER)
+        with warnings.catch_warnings():
+            # Right: the episodes under way when the snapshot was taken are not continued.
+            warnings.filterwarnings("ignore", message="The last trajectory in the replay buffer will be truncated")
+            learner.load_replay_buffer(snapshot / REPLAY_BUFFER)
     seed = np.random.SeedSequence([config.seed, learner.num_timesteps]).generate_state(1)[0]
     learner.set_random_seed(int(seed))
     return learner
+
+
+def load_policy(config: ExperimentConfig, model: Path) -> BaseAlgorithm:
+    """Model as it was saved, to act and not to learn: it has no environments and no replay buffer to speak of."""
+    no_buffer: dict[str, Any] = {"replay_buffer_class": None, "replay_buffer_kwargs": {}, "buffer_size": 1}
+    return algorithm_class(config.algorithm).load(model, device="cpu", custom_objects=no_buffer)
 
 
 def save_learner(learner: BaseAlgorithm, folder: Path) -> None:

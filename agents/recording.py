@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import pcm_gym
 from agents.controllers import RandomController, ResolvedRateController, TrainedController
 from agents.evaluation import Evaluation
-from agents.rollouts import Controller, EpisodeResult, RunningEpisode, SingleEnv, position_error, run_episodes
+from agents.rollouts import Controller, EpisodeResult, RunningEpisode, SingleEnv, run_episodes
 
 Json = dict[str, Any]
 
@@ -95,7 +95,7 @@ def _frame(episode: RunningEpisode, equilibrium: pcm_gym.Equilibrium) -> Json:
     return {
         "rods": [_whole(rod.ravel()) for rod in equilibrium.shape(ROD_POINTS)],
         "tip": _whole(equilibrium.pose[:2]),
-        "error": round(position_error(episode.observation), 5),
+        "error": round(episode.position_error(), 5),
         "margin": _rounded(info.get("stability_margin")),
         "event": str(info.get("event", "none")).replace("_", " "),
         "unstable": bool(is_unstable),

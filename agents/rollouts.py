@@ -35,7 +35,7 @@ class EpisodeResult:
     is_solver_failure
         Whether the solver gave up in some step.
     final_error
-        Distance of the end-effector from the goal at the last step.
+        Distance of the end-effector from the goal at the last step, in the mechanism's unit of length.
     smallest_stability_margin, smallest_singularity_margin
         Smallest of the episode; nan if no step has one.
     cost
@@ -97,6 +97,11 @@ class RunningEpisode:
         self.rewards.append(float(reward))
         self.is_over = terminated or truncated
 
+    def position_error(self) -> float:
+        """Distance of the end-effector from the goal, its orientation left aside."""
+        env: Any = self.env.unwrapped
+        return float(np.hypot(*(env.goal - env.equilibrium.pose)[:2]))
+
     def result(self, policy: str) -> EpisodeResult:
         """What the episode, at least one step long, came to."""
         costs = self._column("cost")
@@ -109,7 +114,7 @@ class RunningEpisode:
             is_safe_success=is_success and not costs.any(),
             is_violation=bool(self._column("cost_unstable").any()),
             is_solver_failure=bool(self._column("cost_solver").any()),
-            final_error=position_error(self.observation),
+            final_error=self.position_error(),
             smallest_stability_margin=float(np.fmin.reduce(self._column("stability_margin"))),
             smallest_singularity_margin=float(np.fmin.reduce(self._column("singularity_margin"))),
             cost=float(costs.sum()),
@@ -182,12 +187,6 @@ def _run_to_the_end(
             episode.step(action)
             observe(episode)
         episodes = [episode for episode in episodes if not episode.is_over]
-
-
-def position_error(observation: Observation) -> float:
-    """Distance of the end-effector from the goal, its orientation left aside."""
-    error = np.asarray(observation["desired_goal"], dtype=np.float64) - observation["achieved_goal"]
-    return float(np.hypot(error[0], error[1]))
 
 
 def longest_run(flags: NDArray[np.bool_]) -> int:

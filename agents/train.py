@@ -30,7 +30,7 @@ def train(
         experiment = _overridden(load_config(config), name=name, total_steps=total_steps, seed=seed)
         _run(experiment, RunFolder(runs_dir / experiment.name), resume=resume, force=force)
     except (ConfigError, RunError) as error:
-        console.print(str(error), style="red", markup=False)
+        console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(code=1) from error
 
 
@@ -49,9 +49,7 @@ def _run(config: ExperimentConfig, run: RunFolder, *, resume: bool, force: bool)
     try:
         steps = training.train(config, run, resume=resume, replace=force)
     except KeyboardInterrupt as error:
-        console.print(
-            f"Interrupted; {run.path} can be continued with --resume.", style="yellow", soft_wrap=True
-        )
+        console.print(f"Interrupted; {run.path} can be continued with --resume.", style="yellow", soft_wrap=True)
         raise typer.Exit(code=INTERRUPTED) from error
     console.print(f"Trained for {steps:,} steps. Evaluate with: python -m agents.evaluate {run.path}", soft_wrap=True)
 

@@ -77,7 +77,7 @@ def _learn(learner: BaseAlgorithm, config: ExperimentConfig, run: RunFolder) -> 
     history = _history(run, learner.num_timesteps)
     learner.set_logger(_logger(run, history))
     display = ProgressDisplay()
-    cost = history[-1][COST_COLUMN] if history else 0.0
+    cost = max((row.get(COST_COLUMN, 0.0) for row in history), default=0.0)
     callbacks = CallbackList([EpisodeStatistics(cost), Snapshots(config.checkpoint_every, save), display])
     remaining = config.total_steps - learner.num_timesteps
     try:

@@ -1,5 +1,9 @@
-"""Exact kinematics and Gymnasium environments of planar parallel continuum mechanisms."""
+"""Exact kinematics and Gymnasium environments of planar parallel continuum mechanisms.
 
+Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Reach-v0")``.
+"""
+
+from pcm_gym.environments import environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, RodState, TrackedStep, home_equilibrium
 
@@ -14,7 +18,10 @@ __all__ = [
     "Rod",
     "RodState",
     "TrackedStep",
+    "environment_ids",
     "get_mechanism",
     "home_equilibrium",
     "mechanism_names",
 ]
+
+register_environments()

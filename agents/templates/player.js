@@ -229,10 +229,6 @@
     context.beginPath();
     context.arc(xAt(state.frame), yAt(errors[state.frame]), 4.5, 0, 2 * Math.PI);
     context.fill();
-    context.fillStyle = "#6b7280";
-    context.font = "12px system-ui, sans-serif";
-    context.textAlign = "right";
-    context.fillText("distance from the goal (log); dashed: reached", width - 8, 13);
   }
 
   function showReadout() {

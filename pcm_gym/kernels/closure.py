@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 BASE_X, BASE_Y, AXIS_X, AXIS_Y, CLAMP_ANGLE, TURN, LENGTH, STIFFNESS, ATTACH_X, ATTACH_Y, LOWER, UPPER = range(12)
 LEG_COLUMNS = 12
 
-# Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); own index.
-TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX = 0, 1, 2, 3, 4, 8, 12
-_ROD_COLUMNS = 13
+# Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); own index and mode.
+TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX, HALF_PERIODS = 0, 1, 2, 3, 4, 8, 12, 13
+_ROD_COLUMNS = 14
 
 # Below this sine of the angle between the two columns of d tip / d g, the rod's stiffness is not used for solving.
 _CONDENSATION_LIMIT = 1e-6
@@ -37,7 +37,7 @@ class Workspace(NamedTuple):
     """Scratch arrays of one mechanism; a kernel that is called in a loop gets one from outside the loop."""
 
     clamps: Array  # (legs, 4): clamp point and cosine, sine of the clamp's angle
-    rods: Array  # (legs, 13): the rod table
+    rods: Array  # (legs, 14): the rod table
     residual: Array  # (2 legs + d,)
     step: Array  # (2 legs + d,): solution of the last linear system
     stiffness: Array  # (3, 3)
@@ -100,6 +100,7 @@ def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
         rods[i, FORCE_G + 2] = force_s * point.force_x_gx + force_c * point.force_y_gx
         rods[i, FORCE_G + 3] = force_s * point.force_x_gy + force_c * point.force_y_gy
         rods[i, DEAD_LOAD_INDEX] = point.dead_load_index
+        rods[i, HALF_PERIODS] = point.half_periods
 
 
 @kernel

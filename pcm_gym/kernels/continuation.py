@@ -160,11 +160,18 @@ def track(
         inputs[i] = inputs_target[i] if fraction == 1.0 else line.inputs_start[i] + fraction * line.input_rate[i]
     for d in range(load.shape[0]):
         load[d] = load_target[d] if fraction == 1.0 else line.load_start[d] + fraction * line.load_rate[d]
-    if event == NONE:
-        event = ACTUATOR_LIMIT if reach < 1.0 else NONE
-    else:
-        _go_to(legs, line, fraction, work)
-        evaluate_rods(legs, x, work)
+    if event == NONE and reach < 1.0:
+        event = ACTUATOR_LIMIT
+    return judge(legs, x, inputs, load, event, fraction, work)
+
+
+@kernel
+def judge(
+    legs: Array, x: Array, inputs: Array, load: Array, event: int, fraction: float, work: Workspace
+) -> Tracked:
+    """Return the verdict on the state (x, inputs, load), with this event and fraction; leave its rod table."""
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
     closure_error, force_error = set_residual(legs, x, load, work)
     verdict = assess_stability(legs, x, work)
     return Tracked(

@@ -75,3 +75,12 @@ def jacobi(u: float, k: float, k_c: float) -> tuple[float, float, float, float, 
     if k_c * math.exp(u) < _HYPERBOLIC_LIMIT:
         return _jacobi_near_one(u, k_c)
     return _jacobi(u, k, k_c)
+
+
+@kernel
+def quarter_period(k_c: float) -> float:
+    """Return K by the arithmetic-geometric mean of 1 and the complementary modulus; at k = 1 a large number."""
+    mean, geometric = 1.0, max(k_c, _LEAST_COMPLEMENT)
+    while mean - geometric > 1e-15 * mean:
+        mean, geometric = 0.5 * (mean + geometric), math.sqrt(mean * geometric)
+    return 0.5 * math.pi / mean

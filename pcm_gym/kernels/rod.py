@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.elliptic import jacobi
+from pcm_gym.kernels.elliptic import jacobi, quarter_period
 
 # Below this load |g| the power series is used: the closed form divides rounding errors by |g|.
 _SERIES_LOAD = 0.05
@@ -24,7 +24,7 @@ _SERIES_TERMS = 7
 
 
 class RodPoint(NamedTuple):
-    """What one rod does at one g, in the clamp's frame: tip, tip force, their derivatives by g, and its own index."""
+    """What one rod does at one g, in the clamp's frame: tip, tip force, their derivatives by g, index and mode."""
 
     tip_x: float
     tip_y: float
@@ -39,6 +39,7 @@ class RodPoint(NamedTuple):
     force_y_gx: float
     force_y_gy: float
     dead_load_index: float
+    half_periods: float  # rho / (2 K): the buckling mode is 1 + its integer part
 
 
 @kernel
@@ -72,7 +73,8 @@ def _rod_elliptic(g_x: float, g_y: float, load: float) -> RodPoint:
     cos_b, sin_b = g_x / load, -g_y / load
     kappa, kappa_c = tip_half_angle(g_x, g_y, load)
     m = kappa * kappa
-    sn, cn, dn, deficit, quarter_period = jacobi(rho, kappa, abs(kappa_c))
+    sn, cn, dn, deficit, quarter = jacobi(rho, kappa, abs(kappa_c))
+    half_periods = 0.5 * rho / quarter
     nd = 1.0 / dn
     cd, sd = cn * nd, sn * nd
 
@@ -113,16 +115,17 @@ def _rod_elliptic(g_x: float, g_y: float, load: float) -> RodPoint:
         force_x_rho * rho_gy + force_x_b * b_gy,
         force_y_rho * rho_gx + force_y_b * b_gx,
         force_y_rho * rho_gy + force_y_b * b_gy,
-        _eta_zeros(rho, eta, quarter_period),
+        _eta_zeros(half_periods, eta),
+        half_periods,
     )
 
 
 @kernel
-def _eta_zeros(rho: float, eta: float, quarter_period: float) -> float:
+def _eta_zeros(half_periods: float, eta: float) -> float:
     """Return the number of zeros of eta in (0, rho): exactly one lies between neighbouring multiples of 2 K."""
-    half_periods = math.floor(rho / (2.0 * quarter_period))
-    sign = 1.0 - 2.0 * (half_periods % 2.0)
-    return half_periods + (1.0 if sign * eta < 0.0 else 0.0)
+    passed = math.floor(half_periods)
+    sign = 1.0 - 2.0 * (passed % 2.0)
+    return passed + (1.0 if sign * eta < 0.0 else 0.0)
 
 
 @kernel
@@ -179,7 +182,17 @@ def _in_clamp_frame(g_x: float, g_y: float, base: NDArray[np.float64]) -> RodPoi
         -s - force_x * base[0, 1],
         c - force_x * base[0, 2],
         0.0,
+        _series_half_periods(g_x, g_y),
     )
+
+
+@kernel
+def _series_half_periods(g_x: float, g_y: float) -> float:
+    load = math.hypot(g_x, g_y)
+    if load == 0.0:
+        return 0.0
+    _, kappa_c = tip_half_angle(g_x, g_y, load)
+    return 0.5 * math.sqrt(load) / quarter_period(abs(kappa_c))
 
 
 @kernel
@@ -192,17 +205,15 @@ def rod_parameters(g_x: float, g_y: float) -> tuple[float, float, int, float]:
     load = math.hypot(g_x, g_y)
     if load == 0.0:
         return 1.0, 0.0, 1, 0.0
-    rho = math.sqrt(load)
-    kappa, kappa_c = tip_half_angle(g_x, g_y, load)
-    _, _, _, _, quarter_period = jacobi(rho, kappa, abs(kappa_c))
-    mode = 1 + int(math.floor(rho / (2.0 * quarter_period)))
+    kappa, _ = tip_half_angle(g_x, g_y, load)
     point = rod(g_x, g_y)
+    mode = 1 + int(math.floor(point.half_periods))
     psi = math.atan2(point.force_y, point.force_x)
     if psi < 0.0:
         psi += 2.0 * math.pi
     if psi >= 2.0 * math.pi:  # a negative angle too small to survive the addition
         psi = 0.0
-    return (kappa if mode % 2 == 1 else -kappa), psi, mode, rho
+    return (kappa if mode % 2 == 1 else -kappa), psi, mode, math.sqrt(load)
 
 
 @kernel

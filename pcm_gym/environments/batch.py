@@ -1,0 +1,188 @@
+"""The native batch: many environments of one kind, stepped by one call of the kernels."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.environments.simulation import Mask, Outcome, Settings, Simulation
+from pcm_gym.environments.single import RENDER_FPS, Observation, single_spaces
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import one_of
+from pcm_gym.tasks.reach import RewardType
+
+
+class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """`num_envs` copies of `MechanismEnv`, equal to them row by row and bit for bit.
+
+    Parameters
+    ----------
+    num_envs : int
+    max_episode_steps : int, optional
+        Steps after which an episode is truncated; never by default.
+    autoreset_mode : AutoresetMode or str
+        When an episode that has ended begins anew: in the next step (default), in the same step, or not by itself.
+    mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
+        As for `MechanismEnv`.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        mechanism: Mechanism | str = "2RFR",
+        reward_type: RewardType = "dense",
+        on_instability: str = "terminate",
+        load: ArrayLike | None = None,
+        max_action: ArrayLike | None = None,
+        success_distance: float = 0.02,
+        singular_margin: float = 1.0,
+        render_mode: str | None = None,
+    ) -> None:
+        one_of("render_mode", render_mode, (None,))
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        settings = Settings.from_arguments(
+            mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
+        )
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space, self.single_action_space = single_spaces(settings.mechanism)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._simulation = Simulation(settings, num_envs)
+        self._max_episode_steps = np.inf if max_episode_steps is None else max_episode_steps
+        self._generators: list[np.random.Generator] = [seeding.np_random(None)[0] for _ in range(num_envs)]
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self._ended = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin new episodes: all of them, or those in ``options["reset_mask"]``, a bool array (num_envs,)."""
+        options = dict(options or {})
+        mask = self._checked_mask(options.pop("reset_mask", None))
+        for row, own_seed in enumerate(self._seeds(seed)):
+            if own_seed is not None and mask[row]:
+                self._generators[row], _ = seeding.np_random(own_seed)
+        self._begin(mask, options)
+        outcome = self._simulation.observe()
+        return outcome.observation, _masked(outcome.infos(), mask)
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
+        """Step every environment; what happens to those that have ended is up to the autoreset mode."""
+        values = self._checked_actions(actions)
+        waiting = self._ended.copy()
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():
+            return self._step_and_begin(values, waiting)
+        if waiting.any():
+            raise gymnasium.error.ResetNeeded(
+                f"environments {np.flatnonzero(waiting).tolist()} have ended: reset them with options['reset_mask']"
+            )
+        outcome = self._simulation.step(values)
+        self._elapsed += 1
+        truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
+        infos = _masked(outcome.infos(), np.ones(self.num_envs, dtype=np.bool_))
+        self._ended = outcome.terminated | truncated
+        observation = outcome.observation
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            observation, infos = self._begin_at_once(outcome, self._ended.copy())
+        return observation, outcome.reward, outcome.terminated, truncated, infos
+
+    def _step_and_begin(
+        self, actions: NDArray[np.float64], waiting: Mask
+    ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
+        """Begin the waiting environments, whose actions are ignored, and step the others."""
+        self._begin(waiting, {})
+        begun_states = [array[waiting].copy() for array in self._simulation.states]
+        begun = self._simulation.observe()
+        stepped = self._simulation.step(actions)
+        for array, saved in zip(self._simulation.states, begun_states, strict=True):
+            array[waiting] = saved
+        outcome = _merged(stepped, begun, waiting)
+        self._elapsed[~waiting] += 1
+        truncated = ((self._elapsed >= self._max_episode_steps) & ~waiting) | outcome.failed
+        self._ended = outcome.terminated | truncated
+        infos = _masked(outcome.infos(), np.ones(self.num_envs, dtype=np.bool_))
+        return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
+
+    def _begin_at_once(self, outcome: Outcome, ended: Mask) -> tuple[Observation, dict[str, Any]]:
+        """Begin the episodes that have just ended; put their last observations and infos into the new infos."""
+        self._begin(ended, {})
+        begun = self._simulation.observe()
+        merged = _merged(outcome, begun, ended)
+        infos = _masked(merged.infos(), np.ones(self.num_envs, dtype=np.bool_))
+        final_observations = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(ended):
+            final_observations[row] = {key: array[row].copy() for key, array in outcome.observation.items()}
+        infos["final_obs"], infos["_final_obs"] = final_observations, ended
+        infos["final_info"], infos["_final_info"] = _masked(outcome.infos(), ended), ended.copy()
+        return merged.observation, infos
+
+    def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
+        for row in np.flatnonzero(mask):
+            self._simulation.reset_row(int(row), self._generators[row], options)
+        self._elapsed[mask] = 0
+        self._ended[mask] = False
+
+    def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seed)}")
+        return list(seed)
+
+    def _checked_mask(self, mask: Any) -> Mask:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},), got {mask!r}")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] must have at least one True value")
+        return mask
+
+    def _checked_actions(self, actions: ArrayLike) -> NDArray[np.float64]:
+        values = np.asarray(actions, dtype=np.float64)
+        if values.shape != self.action_space.shape:
+            raise ValueError(f"actions must have shape {self.action_space.shape}, got {values.shape}")
+        if not np.isfinite(values).all():
+            raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)].tolist()}")
+        return values
+
+
+def _masked(infos: dict[str, Any], mask: Mask) -> dict[str, Any]:
+    """Return the infos with their masks, and neutral values in the rows outside `mask`."""
+    result: dict[str, Any] = {}
+    for key, values in infos.items():
+        if not mask.all():
+            values[~mask] = None if values.dtype == object else 0
+        result[key], result[f"_{key}"] = values, mask.copy()
+    return result
+
+
+def _merged(outcome: Outcome, begun: Outcome, is_begun: Mask) -> Outcome:
+    """Return the outcome whose rows are those of `begun` where `is_begun`, with no reward."""
+    observation = {
+        key: np.where(is_begun[:, None], begun.observation[key], array) for key, array in outcome.observation.items()
+    }
+    return Outcome(
+        observation,
+        np.where(is_begun, 0.0, outcome.reward),
+        outcome.terminated & ~is_begun,
+        outcome.failed & ~is_begun,
+        np.where(is_begun, begun.success, outcome.success),
+        np.where(is_begun[:, None], begun.costs, outcome.costs),
+        np.where(is_begun[:, None], begun.verdicts, outcome.verdicts),
+    )

@@ -1,0 +1,292 @@
+"""The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.kernels.transition import (
+    COST_COLUMNS,
+    EVENT,
+    LIMIT,
+    MORSE_INDEX,
+    RESIDUAL,
+    SINGULAR,
+    SINGULARITY_MARGIN,
+    SOLVER,
+    STABILITY_MARGIN,
+    UNSTABLE,
+    VERDICT_COLUMNS,
+    States,
+    describe_batch,
+    step_batch,
+)
+from pcm_gym.mechanism import Mechanism, get_mechanism
+from pcm_gym.mechanism.validation import finite_vector, one_of, positive_number
+from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium
+from pcm_gym.solving.tracking import EVENTS
+from pcm_gym.tasks import Episode, ReachTask, default_max_action, observation_elements
+from pcm_gym.tasks.reach import RewardType
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
+_RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
+_INSTABILITY_BEHAVIOURS = ("terminate",)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The arguments of an environment, validated.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    task : ReachTask
+    load : array (d,)
+        Load on the end-effector in the mechanism's units.
+    max_action : array (legs,)
+        Increment of each input for an action of 1, rad or m.
+    singular_margin : float
+        States whose singularity margin is below this cost `cost_singular`.
+    """
+
+    mechanism: Mechanism
+    task: ReachTask
+    load: Array
+    max_action: Array
+    singular_margin: float
+
+    @classmethod
+    def from_arguments(
+        cls,
+        mechanism: Mechanism | str,
+        reward_type: RewardType,
+        on_instability: str,
+        load: ArrayLike | None,
+        max_action: ArrayLike | None,
+        success_distance: float,
+        singular_margin: float,
+    ) -> "Settings":
+        """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
+        if isinstance(mechanism, str):
+            mechanism = get_mechanism(mechanism)
+        if not isinstance(mechanism, Mechanism):
+            raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
+        one_of("on_instability", on_instability, _INSTABILITY_BEHAVIOURS)
+        if max_action is None:
+            steps = default_max_action(mechanism)
+        else:
+            shape = (mechanism.leg_count,)
+            steps = finite_vector("max_action", np.broadcast_to(max_action, shape), mechanism.leg_count)
+        if not np.all(steps > 0.0):
+            raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
+        return cls(
+            mechanism=mechanism,
+            task=ReachTask(mechanism, reward_type, success_distance),
+            load=mechanism.check_load(load),
+            max_action=steps,
+            singular_margin=positive_number("singular_margin", singular_margin),
+        )
+
+
+class Outcome(NamedTuple):
+    """What one step, or a reset, of every row came to; every array is new."""
+
+    observation: dict[str, Array]
+    reward: Array  # (n,)
+    terminated: Mask  # (n,): stability was lost
+    failed: Mask  # (n,): the solver failed
+    success: Mask  # (n,)
+    costs: Array  # (n, 4)
+    verdicts: Array  # (n, 6)
+
+    def row_info(self, row: int) -> dict[str, Any]:
+        """Return the info of one row, in Python's own types."""
+        verdict, costs = self.verdicts[row].tolist(), self.costs[row].tolist()
+        return {
+            "is_success": bool(self.success[row]),
+            "cost": sum(costs),
+            "cost_unstable": costs[UNSTABLE],
+            "cost_singular": costs[SINGULAR],
+            "cost_limit": costs[LIMIT],
+            "cost_solver": costs[SOLVER],
+            "index": int(verdict[MORSE_INDEX]),
+            "stability_margin": verdict[STABILITY_MARGIN],
+            "singularity_margin": verdict[SINGULARITY_MARGIN],
+            "residual": verdict[RESIDUAL],
+            "event": _EVENT_NAMES[int(verdict[EVENT])],
+        }
+
+    def infos(self) -> dict[str, NDArray[Any]]:
+        """Return the infos of all rows, one array per key."""
+        verdicts, costs = self.verdicts, self.costs
+        return {
+            "is_success": self.success.copy(),
+            "cost": costs.sum(axis=1),
+            "cost_unstable": costs[:, UNSTABLE].copy(),
+            "cost_singular": costs[:, SINGULAR].copy(),
+            "cost_limit": costs[:, LIMIT].copy(),
+            "cost_solver": costs[:, SOLVER].copy(),
+            "index": verdicts[:, MORSE_INDEX].astype(np.int64),
+            "stability_margin": verdicts[:, STABILITY_MARGIN].copy(),
+            "singularity_margin": verdicts[:, SINGULARITY_MARGIN].copy(),
+            "residual": verdicts[:, RESIDUAL].copy(),
+            "event": _EVENT_NAMES[verdicts[:, EVENT].astype(np.intp)],
+        }
+
+
+class Simulation:
+    """The states, goals and last verdicts of `count` mechanisms that step together.
+
+    Parameters
+    ----------
+    settings : Settings
+    count : int
+        Number of rows.
+
+    Raises
+    ------
+    ValueError
+        If the home equilibrium loses stability before it carries the load.
+    """
+
+    def __init__(self, settings: Settings, count: int) -> None:
+        mechanism = settings.mechanism
+        self.settings = settings
+        self.count = count
+        self._units = mechanism.units
+        self._stride = settings.max_action / self._units.inputs
+        self._free_home = home_equilibrium(mechanism)
+        self._home = self._home_under(settings.load)
+        self._feature_count = len(observation_elements(mechanism))
+        self.states = States(
+            np.tile(self._home.x, (count, 1)),
+            np.tile(self._home.inputs, (count, 1)),
+            np.tile(self._home.load, (count, 1)),
+        )
+        self.goals = np.tile(self._home.goal, (count, 1))
+        self.witnesses = np.tile(self._home.inputs, (count, 1))
+
+    def equilibrium(self, row: int) -> Equilibrium:
+        """Return the present equilibrium of one row."""
+        return Equilibrium(
+            self.settings.mechanism,
+            self.states.x[row],
+            self.states.inputs[row] * self._units.inputs,
+            self.states.load[row] * self._units.load,
+        )
+
+    def step(self, actions: Array) -> Outcome:
+        """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
+        increments = np.clip(actions, -1.0, 1.0) * self._stride
+        verdicts = np.empty((self.count, VERDICT_COLUMNS))
+        costs = np.empty((self.count, COST_COLUMNS))
+        features = np.empty((self.count, self._feature_count))
+        settings = self.settings
+        step_batch(
+            settings.mechanism.leg_table,
+            self.states,
+            increments,
+            settings.singular_margin,
+            verdicts,
+            costs,
+            features,
+        )
+        return self._outcome(features, costs, verdicts)
+
+    def observe(self) -> Outcome:
+        """Return the outcome of standing still, as after a reset: no cost, no event."""
+        verdicts = np.empty((self.count, VERDICT_COLUMNS))
+        features = np.empty((self.count, self._feature_count))
+        describe_batch(self.settings.mechanism.leg_table, self.states, verdicts, features)
+        return self._outcome(features, np.zeros((self.count, COST_COLUMNS)), verdicts)
+
+    def _outcome(self, features: Array, costs: Array, verdicts: Array) -> Outcome:
+        task = self.settings.task
+        achieved = task.goals_from_features(features)
+        distances = task.distances(achieved, self.goals)
+        return Outcome(
+            {"observation": features, "achieved_goal": achieved, "desired_goal": self.goals.copy()},
+            task.rewards(distances),
+            costs[:, UNSTABLE] > 0.0,
+            costs[:, SOLVER] > 0.0,
+            task.successes(distances),
+            costs,
+            verdicts,
+        )
+
+    def reset_row(self, row: int, generator: np.random.Generator, options: Mapping[str, Any] | None) -> None:
+        """Begin a new episode in one row.
+
+        Parameters
+        ----------
+        row : int
+        generator : numpy.random.Generator
+            Source of start and goal.
+        options : mapping, optional
+            Any of `inputs` (start there), `equilibrium` (start with it), `goal` (a pose) and `load`.
+
+        Raises
+        ------
+        ValueError
+            If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
+        """
+        options = options or {}
+        for name in options:
+            one_of("options key", name, _RESET_OPTIONS)
+        episode = self._sample(options, generator)
+        self.states.x[row], self.states.inputs[row], self.states.load[row] = episode.x, episode.inputs, episode.load
+        self.goals[row], self.witnesses[row] = episode.goal, episode.witness
+
+    def _sample(self, options: Mapping[str, Any], generator: np.random.Generator) -> Episode:
+        settings, task = self.settings, self.settings.task
+        margin = settings.singular_margin
+        if "equilibrium" in options or "inputs" in options:
+            start = self._start_from(options)
+            episode = task.sample_goal(start, self._stride, margin, generator)
+        else:
+            home = self._home_under(options["load"]) if "load" in options else self._home
+            episode = task.sample_episode(home, self._stride, margin, generator)
+        if "goal" in options:
+            goal = task.goal_from_pose(settings.mechanism.check_pose(options["goal"]))
+            episode = Episode(episode.x, episode.inputs, episode.load, goal, episode.witness)
+        return episode
+
+    def _start_from(self, options: Mapping[str, Any]) -> Episode:
+        mechanism = self.settings.mechanism
+        start = options.get("equilibrium", self._free_home)
+        if not isinstance(start, Equilibrium) or start.mechanism != mechanism:
+            raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
+        if not start.is_stable:
+            raise ValueError(f"option equilibrium must be stable, got index {start.index}")
+        if not start.within_limits:
+            raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
+        load = self.settings.load if "equilibrium" not in options else start.load
+        load = mechanism.check_load(options["load"]) if "load" in options else load
+        loaded = _tracked(start, start.inputs, load, "load")
+        return self._episode_at(_tracked(loaded, options.get("inputs", start.inputs), load, "inputs"))
+
+    def _home_under(self, load: ArrayLike) -> Episode:
+        home = self._free_home
+        return self._episode_at(_tracked(home, home.inputs, self.settings.mechanism.check_load(load), "load"))
+
+    def _episode_at(self, start: Equilibrium) -> Episode:
+        inputs = start.inputs / self._units.inputs
+        goal = self.settings.task.goal_from_pose(start.pose)
+        return Episode(np.array(start.state), inputs, start.load / self._units.load, goal, inputs)
+
+
+def _tracked(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
+    """Return the equilibrium at `inputs` under `load` on the branch of `start`; raise if the way ends before."""
+    step = BranchTracker(start.mechanism, start).step(inputs, load)
+    if step.event is not Event.NONE:
+        value = load.tolist() if name == "load" else np.asarray(inputs).tolist()
+        raise ValueError(
+            f"{name} must be reachable from home on stable equilibria, got {value}: "
+            f"{step.event} after {step.fraction:.3f} of the way. {step.event.message}"
+        )
+    return step.equilibrium

@@ -1,0 +1,154 @@
+"""Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels.goals import dense_rewards, goal_distances
+from pcm_gym.kernels.transition import wander
+from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism.validation import one_of, positive_number
+
+Array = NDArray[np.float64]
+RewardType = Literal["dense", "sparse"]
+
+# Walks that make a start from home, and how many of the agent's steps each may take at most.
+_START_WALKS, _START_STEPS = 2, 40
+# Steps of the walk from start to goal.
+_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 25
+_ATTEMPTS = 8
+# Starts and goals keep this many times the margin below which a state counts as nearly singular.
+_MARGIN_RESERVE = 3.0
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Start and goal of one episode, dimensionless as in the kernels; `witness` are inputs that reach the goal."""
+
+    x: Array  # (2 legs + d,)
+    inputs: Array  # (legs,)
+    load: Array  # (d,)
+    goal: Array  # (2,) or (4,)
+    witness: Array  # (legs,)
+
+
+@dataclass(frozen=True)
+class ReachTask:
+    """The goals, rewards and success of reaching, as functions over a batch.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    reward_type : "dense" or "sparse"
+        Sparse: 1 within `success_distance`, else 0. Dense: (max(0, 1 - e) + exp(-e / 0.05)) / 2 with the distance e
+        in mean rod lengths. Both are never negative, so that ending an episode early never pays.
+    success_distance : float
+        Goal distance in m that counts as reached; for a platform the turn counts as the path of its hinges.
+    """
+
+    mechanism: Mechanism
+    reward_type: RewardType = "dense"
+    success_distance: float = 0.02
+
+    NEAR = 0.05
+
+    def __post_init__(self) -> None:
+        one_of("reward_type", self.reward_type, ("dense", "sparse"))
+        positive_number("success_distance", self.success_distance)
+
+    @property
+    def arm(self) -> float:
+        """Root mean square distance of the hinges from the end-effector's origin, in mean rod lengths."""
+        squares = [x * x + y * y for x, y in (leg.attachment for leg in self.mechanism.legs)]
+        return math.sqrt(math.fsum(squares) / len(squares)) / self.mechanism.units.length
+
+    def goals_from_features(self, features: Array) -> Array:
+        """Return what of the features (n, m) is the achieved goal, (n, 2) or (n, 4), as a new array."""
+        return features[:, : 2 * (self.mechanism.dof - 1)].copy()
+
+    def goal_from_pose(self, pose: Array) -> Array:
+        """Return the goal, (2,) or (4,), of a pose in the mechanism's units."""
+        position = pose[:2] / self.mechanism.units.length
+        if self.mechanism.dof == 2:
+            return position
+        return np.array([position[0], position[1], math.cos(pose[2]), math.sin(pose[2])])
+
+    def pose_from_goal(self, goal: Array) -> Array:
+        """Return the pose (d,) in the mechanism's units that a goal, (2,) or (4,), stands for."""
+        position = goal[:2] * self.mechanism.units.length
+        if self.mechanism.dof == 2:
+            return position
+        return np.array([position[0], position[1], math.atan2(goal[3], goal[2])])
+
+    def distances(self, achieved: Array, desired: Array) -> Array:
+        """Return goal distances (n,) in mean rod lengths."""
+        distances = np.empty(len(achieved))
+        goal_distances(achieved, desired, self.arm, distances)
+        return distances
+
+    def rewards(self, distances: Array) -> Array:
+        """Return the rewards (n,) of goal distances (n,)."""
+        if self.reward_type == "sparse":
+            return self.successes(distances).astype(np.float64)
+        rewards = np.empty(len(distances))
+        dense_rewards(distances, self.NEAR, rewards)
+        return rewards
+
+    def successes(self, distances: Array) -> NDArray[np.bool_]:
+        """Return which goal distances (n,) count as reached."""
+        return distances <= self.success_distance / self.mechanism.units.length
+
+    def sample_episode(
+        self, home: Episode, stride: Array, least_margin: float, generator: np.random.Generator
+    ) -> Episode:
+        """Return a new episode under the load of `home`: a start walked to from home and a goal walked to from there.
+
+        Both walks take the agent's own steps (at most `stride`, dimensionless) over stable states whose margin exceeds
+        `least_margin` three times, so the goal can be reached without cost.
+        """
+        reserve = _MARGIN_RESERVE * least_margin
+        x, inputs = home.x.copy(), home.inputs.copy()
+        for _ in range(_START_WALKS):
+            self._walk(x, inputs, home.load, stride, int(generator.integers(_START_STEPS + 1)), reserve, generator)
+        return self.sample_goal(Episode(x, inputs, home.load, home.goal, inputs), stride, least_margin, generator)
+
+    def sample_goal(
+        self, start: Episode, stride: Array, least_margin: float, generator: np.random.Generator
+    ) -> Episode:
+        """Return the episode that begins where `start` does, with a new goal away from there."""
+        here = self._goal_of(start.x)
+        for _ in range(_ATTEMPTS):
+            x, witness = start.x.copy(), start.inputs.copy()
+            steps = int(generator.integers(_GOAL_STEPS_MIN, _GOAL_STEPS_MAX + 1))
+            self._walk(x, witness, start.load, stride, steps, _MARGIN_RESERVE * least_margin, generator)
+            goal = self._goal_of(x)
+            if not self.successes(self.distances(goal[None], here[None]))[0]:
+                break
+        return Episode(start.x, start.inputs, start.load, goal, witness)
+
+    def _goal_of(self, x: Array) -> Array:
+        return self.goal_from_pose(x[2 * self.mechanism.leg_count :] * self.mechanism.units.pose)
+
+    def _walk(
+        self,
+        x: Array,
+        inputs: Array,
+        load: Array,
+        stride: Array,
+        steps: int,
+        least_margin: float,
+        generator: np.random.Generator,
+    ) -> None:
+        """Walk `steps` strides towards inputs drawn evenly from the whole range, in place."""
+        mechanism = self.mechanism
+        target = generator.uniform(mechanism.lower_limits, mechanism.upper_limits) / mechanism.units.inputs
+        wander(mechanism.leg_table, x, inputs, load, target, stride, steps, least_margin)
+
+
+def default_max_action(mechanism: Mechanism) -> Array:
+    """Return the increment of each input for an action of 1: 0.1 rad, or 0.03 of the mean rod length."""
+    is_angle = [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
+    return np.where(is_angle, 0.1, 0.03 * mechanism.units.length)

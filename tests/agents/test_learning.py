@@ -1,0 +1,96 @@
+"""From plain data to a learner: arguments, snapshots, and the goal-based replay through the adapter."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.her import HerReplayBuffer
+from torch import nn
+
+from agents.config import ConfigError, ExperimentConfig, parse_config
+from agents.learning import algorithm_arguments, load_learner, load_policy, make_training_env, new_learner, save_learner
+from agents.runs import MODEL
+
+SMALL_NETWORK = {"policy_kwargs": {"net_arch": [8]}}
+
+
+def experiment(**changes: Any) -> ExperimentConfig:
+    environment = {"id": "PCM/2RFR-Reach-v0"}
+    return parse_config({"name": "x", "environment": environment, "total_steps": 100, "num_envs": 4} | changes)
+
+
+def test_plain_data_become_arguments() -> None:
+    hyperparameters = {
+        "learning_rate": {"start": 1e-3, "end": 0.0},
+        "policy_kwargs": {"activation_fn": "tanh", "net_arch": [8]},
+        "action_noise": {"sigma": 0.1},
+    }
+    arguments = algorithm_arguments(experiment(algorithm="TD3", hyperparameters=hyperparameters, hindsight={}), 2)
+    assert isinstance(arguments["learning_rate"], LinearSchedule)
+    assert arguments["learning_rate"](0.5) == pytest.approx(5e-4)
+    assert arguments["policy_kwargs"] == {"activation_fn": nn.Tanh, "net_arch": [8]}
+    assert isinstance(arguments["action_noise"], NormalActionNoise)
+    assert arguments["replay_buffer_class"] is HerReplayBuffer
+
+
+@pytest.mark.parametrize(
+    ("hyperparameters", "message"),
+    [
+        ({"gama": 0.9, "n_stps": 1}, "unknown to PPO: gama, n_stps"),
+        ({"learning_rate": {"begin": 1.0}}, "learning_rate: a schedule has the entries start and end"),
+        ({"policy_kwargs": {"activation_fn": "tan"}}, "'tan' is none of tanh, relu"),
+    ],
+)
+def test_unusable_hyperparameter_is_named(hyperparameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        new_learner(experiment(hyperparameters=hyperparameters))
+
+
+def test_training_episodes_end_by_time_as_truncations() -> None:
+    env = make_training_env(experiment())
+    env.seed(0)
+    env.reset()
+    still = np.zeros((env.num_envs, *env.action_space.shape), dtype=np.float32)
+    dones = np.zeros(env.num_envs, dtype=np.bool_)
+    while not dones.any():
+        _, _, dones, infos = env.step(still)
+    for index in np.flatnonzero(dones):
+        info = infos[index]
+        assert info["TimeLimit.truncated"]
+        assert info["cost"] == info["cost_unstable"] + info["cost_singular"] + info["cost_limit"] + info["cost_solver"]
+        assert info["terminal_observation"].keys() == env.observation_space.keys()
+        assert info["episode"]["l"] > 1
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
+def test_loaded_learner_acts_as_the_saved_one(tmp_path: Path, algorithm: str) -> None:
+    config = experiment(algorithm=algorithm, hyperparameters=SMALL_NETWORK)
+    learner = new_learner(config)
+    save_learner(learner, tmp_path)
+    loaded = load_learner(config, tmp_path)
+    observations = learner.get_env().reset()  # type: ignore[union-attr]
+    expected, _ = learner.predict(observations, deterministic=True)
+    found, _ = loaded.predict(observations, deterministic=True)
+    np.testing.assert_array_equal(found, expected)
+    assert expected.shape == (4, 2)
+
+
+def test_hindsight_learns_from_rewards_that_the_batch_recomputes(tmp_path: Path) -> None:
+    hyperparameters = SMALL_NETWORK | {"learning_starts": 300, "batch_size": 16, "buffer_size": 2_000}
+    environment = {"id": "PCM/2RFR-Reach-v0", "kwargs": {"reward_type": "sparse"}}
+    config = experiment(algorithm="SAC", hyperparameters=hyperparameters, environment=environment, hindsight={})
+    learner = new_learner(config)
+    learner.learn(600)
+    sampled = learner.replay_buffer.sample(64)  # type: ignore[attr-defined]
+    assert np.isfinite(sampled.rewards.numpy()).all()
+
+    save_learner(learner, tmp_path)
+    loaded = load_learner(config, tmp_path)
+    assert loaded.replay_buffer.size() == learner.replay_buffer.size()  # type: ignore[attr-defined]
+    observations = learner.get_env().reset()  # type: ignore[union-attr]
+    expected, _ = learner.predict(observations, deterministic=True)
+    found, _ = load_policy(config, tmp_path / MODEL).predict(observations, deterministic=True)
+    np.testing.assert_array_equal(found, expected)
