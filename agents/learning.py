@@ -2,6 +2,7 @@
 
 import inspect
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from stable_baselines3.her import HerReplayBuffer
@@ -19,9 +21,11 @@ from torch import nn
 
 import pcm_gym  # noqa: F401 (registers the environments)
 from agents.config import AlgorithmName, ConfigError, ExperimentConfig
+from agents.features import GoalErrorFeatures
 from agents.runs import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.vector_adapter import NativeVecEnv
 
+FEATURES: dict[str, type[BaseFeaturesExtractor]] = {"goal_error": GoalErrorFeatures}
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "silu": nn.SiLU}
 DEFAULT_DISCOUNT = 0.99
 
@@ -52,9 +56,8 @@ def new_learner(config: ExperimentConfig) -> BaseAlgorithm:
         If a hyperparameter is unknown to the algorithm or its value cannot be read.
     """
     env = _normalised(make_training_env(config), config)
-    is_goal_based = isinstance(env.observation_space, gymnasium.spaces.Dict)
     return algorithm_class(config.algorithm)(
-        policy="MultiInputPolicy" if is_goal_based else "MlpPolicy",
+        policy="MultiInputPolicy",
         env=env,
         seed=config.seed,
         device="cpu",
@@ -124,6 +127,7 @@ def _normalised(env: VecEnv, config: ExperimentConfig) -> VecEnv:
     return VecNormalize(
         env,
         norm_obs=wanted.observation,
+        norm_obs_keys=["observation"],  # goals keep their units: what is achieved and what is desired compare
         norm_reward=wanted.reward,
         clip_obs=wanted.clip,
         clip_reward=wanted.clip,
@@ -140,12 +144,15 @@ def _schedule_or_value(name: str, value: Any) -> Any:
 
 
 def _policy_arguments(arguments: dict[str, Any]) -> dict[str, Any]:
-    if "activation_fn" not in arguments:
-        return arguments
-    name = arguments["activation_fn"]
-    if name not in ACTIVATIONS:
-        raise ConfigError(f"policy_kwargs.activation_fn: {name!r} is none of {', '.join(ACTIVATIONS)}")
-    return arguments | {"activation_fn": ACTIVATIONS[name]}
+    tables: dict[str, Mapping[str, type]] = {"activation_fn": ACTIVATIONS, "features_extractor_class": FEATURES}
+    named = {entry: _named(entry, arguments[entry], table) for entry, table in tables.items() if entry in arguments}
+    return arguments | named
+
+
+def _named(entry: str, name: Any, table: Mapping[str, type]) -> type:
+    if name not in table:
+        raise ConfigError(f"policy_kwargs.{entry}: {name!r} is none of {', '.join(table)}")
+    return table[name]
 
 
 def _action_noise(value: Any, action_count: int) -> NormalActionNoise:

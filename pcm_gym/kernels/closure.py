@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.linear import solve_linear
+from pcm_gym.kernels.linear import Symmetric, solve_linear, solve_symmetric
 from pcm_gym.kernels.rod import rod
 
 Array = NDArray[np.float64]
@@ -25,11 +25,13 @@ Array = NDArray[np.float64]
 BASE_X, BASE_Y, AXIS_X, AXIS_Y, CLAMP_ANGLE, TURN, LENGTH, STIFFNESS, ATTACH_X, ATTACH_Y, LOWER, UPPER = range(12)
 LEG_COLUMNS = 12
 
-# Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); own index and mode.
-TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX, HALF_PERIODS = 0, 1, 2, 3, 4, 8, 12, 13
-_ROD_COLUMNS = 14
+# Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); the rod's own
+# index and mode; its arm Rot(phi) c, from the end-effector's origin to the hinge.
+TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX, HALF_PERIODS, ARM_X, ARM_Y = 0, 1, 2, 3, 4, 8, *range(12, 16)
+_ROD_COLUMNS = 16
 
-# Below this sine of the angle between the two columns of d tip / d g, the rod's stiffness is not used for solving.
+# Nearer than this to a pole of its stiffness a rod is not condensed: rounding errors of its tip would come back as
+# forces, multiplied by 1000.
 _CONDENSATION_LIMIT = 1e-6
 
 
@@ -37,12 +39,9 @@ class Workspace(NamedTuple):
     """Scratch arrays of one mechanism; a kernel that is called in a loop gets one from outside the loop."""
 
     clamps: Array  # (legs, 4): clamp point and cosine, sine of the clamp's angle
-    rods: Array  # (legs, 14): the rod table
+    rods: Array  # (legs, 16): the rod table
     residual: Array  # (2 legs + d,)
     step: Array  # (2 legs + d,): solution of the last linear system
-    stiffness: Array  # (3, 3)
-    small_matrix: Array  # (3, 3)
-    small_vector: Array  # (3,)
     matrix: Array  # (2 legs + d + 1, 2 legs + d + 1)
     vector: Array  # (2 legs + d + 1,)
     leg_stiffness: Array  # (legs, 3): xx, xy, yy of d force / d tip
@@ -56,9 +55,6 @@ def make_workspace(leg_count: int, size: int) -> Workspace:
         np.zeros((leg_count, _ROD_COLUMNS)),
         np.zeros(size),
         np.zeros(size),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros(3),
         np.zeros((size + 1, size + 1)),
         np.zeros(size + 1),
         np.zeros((leg_count, 3)),
@@ -79,9 +75,14 @@ def set_inputs(legs: Array, inputs: Array, work: Workspace) -> None:
 
 @kernel
 def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
-    """Fill the rod table for the loads g in `x`; the clamps must be set."""
-    clamps, rods = work.clamps, work.rods
+    """Fill the rod table for the state `x`; the clamps must be set."""
+    clamps, rods, pose = work.clamps, work.rods, 2 * legs.shape[0]
+    turn_c, turn_s = 1.0, 0.0
+    if x.shape[0] - pose == 3:
+        turn_c, turn_s = math.cos(x[pose + 2]), math.sin(x[pose + 2])
     for i in range(legs.shape[0]):
+        rods[i, ARM_X] = turn_c * legs[i, ATTACH_X] - turn_s * legs[i, ATTACH_Y]
+        rods[i, ARM_Y] = turn_s * legs[i, ATTACH_X] + turn_c * legs[i, ATTACH_Y]
         point = rod(x[2 * i], x[2 * i + 1])
         length = legs[i, LENGTH]
         unit_force = legs[i, STIFFNESS] / (length * length)
@@ -104,16 +105,6 @@ def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
 
 
 @kernel
-def attachment(legs: Array, x: Array, leg: int) -> tuple[float, float]:
-    """Return Rot(phi) c of a leg: its hinge from the end-effector's origin, world frame."""
-    if x.shape[0] == 2 * legs.shape[0] + 2:
-        return 0.0, 0.0
-    phi = x[2 * legs.shape[0] + 2]
-    c, s = math.cos(phi), math.sin(phi)
-    return c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y], s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
-
-
-@kernel
 def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[float, float]:
     """Fill `work.residual` from the rod table; return the largest closure error and the largest relative force error.
 
@@ -126,7 +117,7 @@ def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[f
     for d in range(dof):
         residual[pose + d] = -load[d]
     for i in range(leg_count):
-        arm_x, arm_y = attachment(legs, x, i)
+        arm_x, arm_y = work.rods[i, ARM_X], work.rods[i, ARM_Y]
         force_x, force_y = rods[i, FORCE_X], rods[i, FORCE_Y]
         residual[2 * i] = clamps[i, 0] + rods[i, TIP_X] - x[pose] - arm_x
         residual[2 * i + 1] = clamps[i, 1] + rods[i, TIP_Y] - x[pose + 1] - arm_y
@@ -143,107 +134,98 @@ def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[f
 
 
 @kernel
-def is_condensable(work: Workspace, leg: int) -> bool:
-    """Return whether the tip of a rod answers to both of its loads independently: false at a pole of its stiffness."""
-    p_xx, p_xy = work.rods[leg, TIP_G], work.rods[leg, TIP_G + 1]
-    p_yx, p_yy = work.rods[leg, TIP_G + 2], work.rods[leg, TIP_G + 3]
-    columns = math.sqrt((p_xx * p_xx + p_yx * p_yx) * (p_xy * p_xy + p_yy * p_yy))
-    return abs(p_xx * p_yy - p_xy * p_yx) > _CONDENSATION_LIMIT * columns
-
-
-@kernel
-def set_leg_stiffness(legs: Array, work: Workspace) -> bool:
-    """Fill d force / d tip of each leg; return whether every leg is far enough from a pole of it."""
-    regular = True
-    rods = work.rods
+def set_leg_stiffness(legs: Array, work: Workspace) -> float:
+    """Fill d force / d tip of each leg; return how far from a pole it is (see `pole_distance`), at the nearest leg."""
+    nearest, rods, leg_stiffness = math.inf, work.rods, work.leg_stiffness
     for i in range(legs.shape[0]):
         p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
         q_xx, q_xy, q_yx, q_yy = rods[i, FORCE_G], rods[i, FORCE_G + 1], rods[i, FORCE_G + 2], rods[i, FORCE_G + 3]
-        regular = regular and is_condensable(work, i)
+        nearest = min(nearest, pole_distance(work, i))
         inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
-        work.leg_stiffness[i, 0] = (q_xx * p_yy - q_xy * p_yx) * inverse
-        upper = (q_xy * p_xx - q_xx * p_xy) * inverse
-        lower = (q_yx * p_yy - q_yy * p_yx) * inverse
-        work.leg_stiffness[i, 1] = 0.5 * (upper + lower)
-        work.leg_stiffness[i, 2] = (q_yy * p_xx - q_yx * p_xy) * inverse
-    return regular
+        leg_stiffness[i, 0] = (q_xx * p_yy - q_xy * p_yx) * inverse
+        leg_stiffness[i, 1] = 0.5 * (q_xy * p_xx - q_xx * p_xy + q_yx * p_yy - q_yy * p_yx) * inverse
+        leg_stiffness[i, 2] = (q_yy * p_xx - q_yx * p_xy) * inverse
+    return nearest
 
 
 @kernel
-def set_stiffness(legs: Array, x: Array, work: Workspace) -> None:
-    """Fill `work.stiffness`, K = sum D' A D - diag(0, 0, sum (Rot(phi) c) . f), from the legs' stiffness A."""
-    leg_count = legs.shape[0]
-    dof = x.shape[0] - 2 * leg_count
-    stiffness = work.stiffness
-    stiffness[:, :] = 0.0
-    for i in range(leg_count):
-        a_xx, a_xy, a_yy = work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2]
-        stiffness[0, 0] += a_xx
-        stiffness[0, 1] += a_xy
-        stiffness[1, 1] += a_yy
-        if dof == 3:
-            arm_x, arm_y = attachment(legs, x, i)
-            turn_x, turn_y = a_xy * arm_x - a_xx * arm_y, a_yy * arm_x - a_xy * arm_y
-            stiffness[0, 2] += turn_x
-            stiffness[1, 2] += turn_y
-            stiffness[2, 2] += arm_x * turn_y - arm_y * turn_x
-            stiffness[2, 2] -= arm_x * work.rods[i, FORCE_X] + arm_y * work.rods[i, FORCE_Y]
-    stiffness[1, 0], stiffness[2, 0], stiffness[2, 1] = stiffness[0, 1], stiffness[0, 2], stiffness[1, 2]
+def pole_distance(work: Workspace, leg: int) -> float:
+    """Return the squared sine of the angle between the two columns of d tip / d g; 0 at a pole of d force / d tip."""
+    rods = work.rods
+    p_xx, p_xy, p_yx, p_yy = rods[leg, TIP_G], rods[leg, TIP_G + 1], rods[leg, TIP_G + 2], rods[leg, TIP_G + 3]
+    determinant = p_xx * p_yy - p_xy * p_yx
+    columns = (p_xx * p_xx + p_yx * p_yx) * (p_xy * p_xy + p_yy * p_yy)
+    return determinant * determinant / columns if columns > 0.0 else 0.0
 
 
 @kernel
-def solve_equilibrium_system(legs: Array, x: Array, right: Array, work: Workspace) -> float:
+def stiffness(legs: Array, x: Array, work: Workspace) -> Symmetric:
+    """Return K = sum D' A D - diag(0, 0, sum (Rot(phi) c) . f) from the legs' stiffness A.
+
+    A point end-effector, which cannot turn, is given a turn of its own with stiffness 1.
+    """
+    rods, leg_stiffness = work.rods, work.leg_stiffness
+    xx = xy = yy = xz = yz = 0.0
+    zz = 0.0 if x.shape[0] - 2 * legs.shape[0] == 3 else 1.0
+    for i in range(legs.shape[0]):
+        a_xx, a_xy, a_yy = leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2]
+        arm_x, arm_y = rods[i, ARM_X], rods[i, ARM_Y]
+        turn_x, turn_y = a_xy * arm_x - a_xx * arm_y, a_yy * arm_x - a_xy * arm_y
+        xx += a_xx
+        xy += a_xy
+        yy += a_yy
+        xz += turn_x
+        yz += turn_y
+        zz += arm_x * turn_y - arm_y * turn_x - arm_x * rods[i, FORCE_X] - arm_y * rods[i, FORCE_Y]
+    return Symmetric(xx, xy, yy, xz, yz, zz)
+
+
+@kernel
+def solve_equilibrium_system(legs: Array, x: Array, right: Array, work: Workspace) -> bool:
     """Solve J step = -right for the Jacobian J of the residual by x at the rod table; fill `work.step`.
 
     The rods are condensed onto the end-effector, so that its stiffness K is the only matrix. Where a rod's own
     stiffness has a pole (a straight rod, for one), K does not exist though J is regular: there the full system is
-    solved. Returns 0 where the matrix is singular.
+    solved. Returns False where the matrix is singular.
     """
-    if set_leg_stiffness(legs, work):
-        set_stiffness(legs, x, work)
+    if set_leg_stiffness(legs, work) > _CONDENSATION_LIMIT:
         return _solve_condensed(legs, x, right, work)
     size = x.shape[0]
     set_matrix(legs, x, work)
     for row in range(size):
         work.vector[row] = -right[row]
-    quality = solve_linear(work.matrix, work.vector, size)
-    for row in range(size):
-        work.step[row] = work.vector[row]
-    return quality
+    regular = solve_linear(work.matrix, work.vector, size)
+    work.step[:] = work.vector[:size]
+    return regular
 
 
 @kernel
-def _solve_condensed(legs: Array, x: Array, right: Array, work: Workspace) -> float:
+def _solve_condensed(legs: Array, x: Array, right: Array, work: Workspace) -> bool:
     pose = 2 * legs.shape[0]
-    dof = x.shape[0] - pose
-    move, step, rods = work.small_vector, work.step, work.rods
-    for d in range(dof):
-        move[d] = -right[pose + d]
-        for e in range(dof):
-            work.small_matrix[d, e] = work.stiffness[d, e]
+    is_platform = x.shape[0] - pose == 3
+    step, rods, leg_stiffness = work.step, work.rods, work.leg_stiffness
+    force_x, force_y = -right[pose], -right[pose + 1]
+    moment = -right[pose + 2] if is_platform else 0.0
     for i in range(legs.shape[0]):
-        a_xx, a_xy, a_yy = work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2]
+        a_xx, a_xy, a_yy = leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2]
         pull_x = a_xx * right[2 * i] + a_xy * right[2 * i + 1]
         pull_y = a_xy * right[2 * i] + a_yy * right[2 * i + 1]
-        move[0] += pull_x
-        move[1] += pull_y
-        if dof == 3:
-            arm_x, arm_y = attachment(legs, x, i)
-            move[2] += arm_x * pull_y - arm_y * pull_x
-    quality = solve_linear(work.small_matrix, move, dof)
-    for d in range(dof):
-        step[pose + d] = move[d]
+        force_x += pull_x
+        force_y += pull_y
+        moment += rods[i, ARM_X] * pull_y - rods[i, ARM_Y] * pull_x
+    matrix = stiffness(legs, x, work)
+    move_x, move_y, turn = solve_symmetric(matrix, force_x, force_y, moment)
+    step[pose], step[pose + 1] = move_x, move_y
+    if is_platform:
+        step[pose + 2] = turn
     for i in range(legs.shape[0]):
-        tip_x, tip_y = move[0] - right[2 * i], move[1] - right[2 * i + 1]
-        if dof == 3:
-            arm_x, arm_y = attachment(legs, x, i)
-            tip_x -= arm_y * move[2]
-            tip_y += arm_x * move[2]
+        tip_x = move_x - rods[i, ARM_Y] * turn - right[2 * i]
+        tip_y = move_y + rods[i, ARM_X] * turn - right[2 * i + 1]
         p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
         inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
         step[2 * i] = (p_yy * tip_x - p_xy * tip_y) * inverse
         step[2 * i + 1] = (p_xx * tip_y - p_yx * tip_x) * inverse
-    return quality
+    return math.isfinite(move_x + move_y + turn)
 
 
 @kernel
@@ -254,7 +236,7 @@ def set_matrix(legs: Array, x: Array, work: Workspace) -> None:
     matrix[:size, :size] = 0.0
     for i in range(legs.shape[0]):
         _set_rod_columns(legs, x, work, i)
-        arm_x, arm_y = attachment(legs, x, i)
+        arm_x, arm_y = work.rods[i, ARM_X], work.rods[i, ARM_Y]
         matrix[2 * i, pose] = -1.0
         matrix[2 * i + 1, pose + 1] = -1.0
         if size - pose == 3:
@@ -266,7 +248,7 @@ def set_matrix(legs: Array, x: Array, work: Workspace) -> None:
 @kernel
 def _set_rod_columns(legs: Array, x: Array, work: Workspace, leg: int) -> None:
     pose = 2 * legs.shape[0]
-    arm_x, arm_y = attachment(legs, x, leg)
+    arm_x, arm_y = work.rods[leg, ARM_X], work.rods[leg, ARM_Y]
     matrix, rods = work.matrix, work.rods
     for j in range(2):
         column = 2 * leg + j
@@ -300,7 +282,7 @@ def add_input_derivative(legs: Array, x: Array, work: Workspace, leg: int, rate:
     out[pose] += pull_x
     out[pose + 1] += pull_y
     if x.shape[0] - pose == 3:
-        arm_x, arm_y = attachment(legs, x, leg)
+        arm_x, arm_y = work.rods[leg, ARM_X], work.rods[leg, ARM_Y]
         out[pose + 2] += arm_x * pull_y - arm_y * pull_x
 
 

@@ -30,10 +30,10 @@ from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.linear import solve_linear
 from pcm_gym.kernels.newton import (
     CONVERGED,
-    LAST_CORRECTION,
     ROUNDING,
     NewtonRules,
     correction_size,
+    is_last,
     solve_forward_locally,
 )
 from pcm_gym.kernels.stability import assess_stability
@@ -160,18 +160,17 @@ def track(
         inputs[i] = inputs_target[i] if fraction == 1.0 else line.inputs_start[i] + fraction * line.input_rate[i]
     for d in range(load.shape[0]):
         load[d] = load_target[d] if fraction == 1.0 else line.load_start[d] + fraction * line.load_rate[d]
-    if event == NONE and reach < 1.0:
+    if event != NONE:  # else the rod table is that of x already
+        set_inputs(legs, inputs, work)
+        evaluate_rods(legs, x, work)
+    elif reach < 1.0:
         event = ACTUATOR_LIMIT
-    return judge(legs, x, inputs, load, event, fraction, work)
+    return judge(legs, x, load, event, fraction, work)
 
 
 @kernel
-def judge(
-    legs: Array, x: Array, inputs: Array, load: Array, event: int, fraction: float, work: Workspace
-) -> Tracked:
-    """Return the verdict on the state (x, inputs, load), with this event and fraction; leave its rod table."""
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+def judge(legs: Array, x: Array, load: Array, event: int, fraction: float, work: Workspace) -> Tracked:
+    """Return the verdict on the state whose rod table is set, with this event and fraction."""
     closure_error, force_error = set_residual(legs, x, load, work)
     verdict = assess_stability(legs, x, work)
     return Tracked(
@@ -187,10 +186,9 @@ def judge(
 @kernel
 def _set_natural_tangent(legs: Array, x: Array, line: Line, work: Workspace) -> bool:
     set_path_derivative(legs, x, line.input_rate, line.load_rate, work, line.rate)
-    quality = solve_equilibrium_system(legs, x, line.rate, work)
-    for j in range(x.shape[0]):
-        line.tangent[j] = work.step[j]
-    return quality > 0.0
+    regular = solve_equilibrium_system(legs, x, line.rate, work)
+    line.tangent[: x.shape[0]] = work.step
+    return regular
 
 
 @kernel
@@ -228,6 +226,7 @@ def _step_naturally(
     _go_to(legs, line, end, work)
     if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
         return False
+    evaluate_rods(legs, line.x, work)
     return assess_stability(legs, line.x, work).morse_index == index
 
 
@@ -244,6 +243,7 @@ def _cross(legs: Array, x: Array, line: Line, fraction: float, reach: float, wor
             line.x[j] = x[j] + step * line.tangent[j]
         _go_to(legs, line, fraction + step, work)
         if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) == CONVERGED:
+            evaluate_rods(legs, line.x, work)
             if assess_stability(legs, line.x, work).morse_index != index:
                 x[:] = line.x
                 return fraction + step
@@ -297,7 +297,7 @@ def _set_arc_tangent(legs: Array, x: Array, line: Line, work: Workspace, tangent
     _set_bordered_matrix(legs, x, line, work)
     work.vector[:] = 0.0
     work.vector[size] = 1.0
-    if solve_linear(work.matrix, work.vector, size + 1) == 0.0:
+    if not solve_linear(work.matrix, work.vector, size + 1):
         return False
     tangent[:] = work.vector
     squared = _apply_metric(legs, line, tangent, work, work.vector)
@@ -330,17 +330,19 @@ def _correct_on_plane(
             work.vector[j] = -work.residual[j]
             gap += line.border[j] * (line.x[j] - x[j])
         work.vector[size] = -gap
-        if solve_linear(work.matrix, work.vector, size + 1) == 0.0:
+        if not solve_linear(work.matrix, work.vector, size + 1):
             return False, trial
         work.step[:] = work.vector[:size]
         correction = correction_size(legs, line.x, work)
         if iteration == 0 and correction > _STEP_RULES.first_correction:
             return False, trial
-        if not correction <= max(_STEP_RULES.contraction * previous, ROUNDING):
+        if not correction <= max(_STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
             return False, trial
         line.x[:] += work.step
         trial += work.vector[size]
-        if correction < LAST_CORRECTION:
+        if is_last(correction, previous):
+            _go_to(legs, line, trial, work)
+            evaluate_rods(legs, line.x, work)
             return True, trial
         previous = correction
     return False, trial
@@ -412,6 +414,7 @@ def _step_onto(
     _go_to(legs, line, reach, work)
     if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
         return False
+    evaluate_rods(legs, line.x, work)
     return assess_stability(legs, line.x, work).morse_index == index
 
 

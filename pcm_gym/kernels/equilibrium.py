@@ -1,13 +1,15 @@
 """What is known of one equilibrium: residual, stability, energy, Jacobian; and a search from many starts."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.kernels.closure import (
+    ATTACH_X,
+    ATTACH_Y,
     LENGTH,
     STIFFNESS,
-    TIP_X,
-    TIP_Y,
     Workspace,
     add_input_derivative,
     evaluate_rods,
@@ -19,11 +21,13 @@ from pcm_gym.kernels.closure import (
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.rod import rod_energy, rod_parameters, rod_shape
+from pcm_gym.kernels.rod_table import rods_at_tip
 from pcm_gym.kernels.stability import assess_stability
 
 Array = NDArray[np.float64]
 
-_SEARCH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40)
+_SEARCH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=30)
+_MOST_RODS = 24
 
 
 @kernel
@@ -46,7 +50,7 @@ def set_forward_jacobian(legs: Array, x: Array, work: Workspace, jacobian: Array
     for i in range(legs.shape[0]):
         rate[:] = 0.0
         add_input_derivative(legs, x, work, i, 1.0, rate)
-        regular = solve_equilibrium_system(legs, x, rate, work) > 0.0 and regular
+        regular = solve_equilibrium_system(legs, x, rate, work) and regular
         jacobian[:, i] = work.step[pose:]
     return regular and bool(np.isfinite(jacobian).all())
 
@@ -91,7 +95,9 @@ def describe_equilibrium(
             verdict.singularity_margin,
         ]
     )
-    return scalars, rods, work.stiffness[:dof, :dof].copy(), jacobian, verdict.morse_index, regular
+    k = verdict.stiffness
+    full = np.array([[k.xx, k.xy, k.xz], [k.xy, k.yy, k.yz], [k.xz, k.yz, k.zz]])
+    return scalars, rods, full[:dof, :dof].copy(), jacobian, verdict.morse_index, regular
 
 
 @kernel
@@ -110,28 +116,41 @@ def set_world_shapes(legs: Array, x: Array, inputs: Array, shapes: Array) -> Non
 
 
 @kernel
-def search_forward(legs: Array, inputs: Array, load: Array, starts: Array, found: Array) -> int:
-    """Correct each of `starts` (m, size) by Newton's method; put those that converge first in `found`, return how many.
+def search_forward(legs: Array, inputs: Array, load: Array, poses: Array, table: Array, found: Array) -> int:
+    """Look for equilibria near `poses` (m, d); put those met first into `found` (n, size), return how many.
 
-    Only the rods of a start are used: its pose is taken from the tips of its rods.
+    At each pose every combination of rods that reach their hinges is a start for Newton's method on the whole
+    mechanism. An equilibrium may be found often, or never.
     """
-    leg_count, size = legs.shape[0], starts.shape[1]
-    work = make_workspace(leg_count, size)
+    leg_count, dof = legs.shape[0], poses.shape[1]
+    work = make_workspace(leg_count, found.shape[1])
+    set_inputs(legs, inputs, work)
+    rods = np.zeros((leg_count, _MOST_RODS, 2))
+    counts = np.zeros(leg_count, dtype=np.int64)
     count = 0
-    for n in range(starts.shape[0]):
-        x = found[count]
-        x[:] = starts[n]
-        set_inputs(legs, inputs, work)
-        evaluate_rods(legs, x, work)
-        pose = 2 * leg_count
-        x[pose:] = 0.0
-        for i in range(leg_count):
-            x[pose] += (work.clamps[i, 0] + work.rods[i, TIP_X]) / leg_count
-            x[pose + 1] += (work.clamps[i, 1] + work.rods[i, TIP_Y]) / leg_count
-        if size - pose == 3:
-            x[pose + 2] = starts[n, pose + 2]
-        if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
-            count += 1
-            if count == found.shape[0]:
-                return count
+    for n in range(poses.shape[0]):
+        _find_rods_at_hinges(legs, poses[n], table, rods, counts, work)
+        for combination in range(counts.prod()):
+            x, rest = found[count], combination
+            for i in range(leg_count):
+                x[2 * i], x[2 * i + 1] = rods[i, rest % counts[i], 0], rods[i, rest % counts[i], 1]
+                rest //= counts[i]
+            x[2 * leg_count :] = poses[n]
+            if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
+                count += 1
+                if count == found.shape[0]:
+                    return count
     return count
+
+
+@kernel
+def _find_rods_at_hinges(legs: Array, pose: Array, table: Array, rods: Array, counts: Array, work: Workspace) -> None:
+    """Fill `rods` (legs, m, 2) with the loads of each leg's rods that reach its hinge at this pose."""
+    turn_c, turn_s = 1.0, 0.0
+    if pose.shape[0] == 3:
+        turn_c, turn_s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(legs.shape[0]):
+        hinge_x = pose[0] + turn_c * legs[i, ATTACH_X] - turn_s * legs[i, ATTACH_Y] - work.clamps[i, 0]
+        hinge_y = pose[1] + turn_s * legs[i, ATTACH_X] + turn_c * legs[i, ATTACH_Y] - work.clamps[i, 1]
+        c, s = work.clamps[i, 2] / legs[i, LENGTH], work.clamps[i, 3] / legs[i, LENGTH]
+        counts[i] = rods_at_tip(table, c * hinge_x + s * hinge_y, c * hinge_y - s * hinge_x, rods[i])

@@ -1,31 +1,40 @@
-"""Small dense linear algebra without allocation: one solver, one symmetric eigenvalue routine."""
+"""Small dense linear algebra without allocation: a general solver, and symmetric 3 x 3 matrices as six numbers."""
 
 import math
+from typing import NamedTuple
 
-from numpy.typing import NDArray
 import numpy as np
+from numpy.typing import NDArray
 
 from pcm_gym.kernels.compilation import kernel
 
-_JACOBI_SWEEPS = 12
+_JACOBI_SWEEPS = 10
+
+
+class Symmetric(NamedTuple):
+    """A symmetric 3 x 3 matrix by (x, y, z); a 2 x 2 one is its upper left corner."""
+
+    xx: float
+    xy: float
+    yy: float
+    xz: float
+    yz: float
+    zz: float
 
 
 @kernel
-def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], size: int) -> float:
-    """Solve matrix x = right in place (Gauss, partial pivoting); return the ratio of the least to the largest pivot.
+def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], size: int) -> bool:
+    """Solve matrix x = right in place (Gauss, partial pivoting); return False where a pivot is zero or not finite.
 
-    `matrix` (>= size, >= size) is destroyed, `right` (>= size) becomes x. At ratio 0 the matrix is singular and
-    `right` is meaningless.
+    `matrix` (>= size, >= size) is destroyed, `right` (>= size) becomes x.
     """
-    least, largest = math.inf, 0.0
     for column in range(size):
         pivot_row, pivot = column, abs(matrix[column, column])
         for row in range(column + 1, size):
             if abs(matrix[row, column]) > pivot:
                 pivot_row, pivot = row, abs(matrix[row, column])
-        least, largest = min(least, pivot), max(largest, pivot)
-        if not pivot > 0.0:
-            return 0.0
+        if not 0.0 < pivot < math.inf:
+            return False
         if pivot_row != column:
             for j in range(column, size):
                 matrix[column, j], matrix[pivot_row, j] = matrix[pivot_row, j], matrix[column, j]
@@ -42,39 +51,65 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], size: 
         for j in range(row + 1, size):
             total -= matrix[row, j] * right[j]
         right[row] = total / matrix[row, row]
-    return least / largest
+    return True
 
 
 @kernel
-def symmetric_eigenvalues(matrix: NDArray[np.float64], size: int) -> None:
-    """Turn the symmetric `matrix` (>= size, >= size) in place into a diagonal of its eigenvalues (cyclic Jacobi)."""
+def solve_symmetric(a: Symmetric, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the solution of a symmetric 3 x 3 system by its adjugate; not finite where the matrix is singular."""
+    c_xx = a.yy * a.zz - a.yz * a.yz
+    c_xy = a.xz * a.yz - a.xy * a.zz
+    c_xz = a.xy * a.yz - a.xz * a.yy
+    c_yy = a.xx * a.zz - a.xz * a.xz
+    c_yz = a.xy * a.xz - a.xx * a.yz
+    c_zz = a.xx * a.yy - a.xy * a.xy
+    inverse = 1.0 / (a.xx * c_xx + a.xy * c_xy + a.xz * c_xz)
+    return (
+        (c_xx * x + c_xy * y + c_xz * z) * inverse,
+        (c_xy * x + c_yy * y + c_yz * z) * inverse,
+        (c_xz * x + c_yz * y + c_zz * z) * inverse,
+    )
+
+
+@kernel
+def eigenvalues_2(a: Symmetric) -> tuple[float, float]:
+    """Return the eigenvalues of the upper left 2 x 2 corner, the lesser first."""
+    mean, radius = 0.5 * (a.xx + a.yy), math.hypot(0.5 * (a.xx - a.yy), a.xy)
+    lesser, greater = mean - radius, mean + radius
+    # the smaller in absolute value from the determinant, where the difference would lose its digits
+    determinant = a.xx * a.yy - a.xy * a.xy
+    if mean > 0.0:
+        lesser = determinant / greater
+    elif mean < 0.0:
+        greater = determinant / lesser
+    return lesser, greater
+
+
+@kernel
+def eigenvalues_3(a: Symmetric) -> tuple[float, float, float]:
+    """Return the eigenvalues, in no particular order, by Jacobi's rotations."""
+    xx, xy, yy, xz, yz, zz = a
     for _ in range(_JACOBI_SWEEPS):
-        off, total = 0.0, 0.0
-        for i in range(size):
-            total += abs(matrix[i, i])
-            for j in range(i):
-                off += abs(matrix[i, j])
-        if off <= 1e-17 * total:
-            return
-        for i in range(size - 1):
-            for j in range(i + 1, size):
-                _rotate_away(matrix, size, i, j)
+        if abs(xy) + abs(xz) + abs(yz) <= 1e-17 * (abs(xx) + abs(yy) + abs(zz)):
+            break
+        c, s, shift = _rotation(xx, yy, xy)
+        xx, yy, xy = xx - shift, yy + shift, 0.0
+        xz, yz = c * xz - s * yz, s * xz + c * yz
+        c, s, shift = _rotation(xx, zz, xz)
+        xx, zz, xz = xx - shift, zz + shift, 0.0
+        xy, yz = c * xy - s * yz, s * xy + c * yz
+        c, s, shift = _rotation(yy, zz, yz)
+        yy, zz, yz = yy - shift, zz + shift, 0.0
+        xy, xz = c * xy - s * xz, s * xy + c * xz
+    return xx, yy, zz
 
 
 @kernel
-def _rotate_away(matrix: NDArray[np.float64], size: int, i: int, j: int) -> None:
-    off = matrix[i, j]
+def _rotation(first: float, second: float, off: float) -> tuple[float, float, float]:
+    """Return cosine, sine and shift of the diagonal of the rotation that makes `off` vanish."""
     if off == 0.0:
-        return
-    theta = 0.5 * (matrix[j, j] - matrix[i, i]) / off
-    t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+        return 1.0, 0.0, 0.0
+    theta = 0.5 * (second - first) / off
+    t = math.copysign(1.0, theta) / (abs(theta) + math.hypot(theta, 1.0))
     c = 1.0 / math.sqrt(t * t + 1.0)
-    s = t * c
-    matrix[i, i] -= t * off
-    matrix[j, j] += t * off
-    matrix[i, j] = matrix[j, i] = 0.0
-    for n in range(size):
-        if n != i and n != j:
-            at_i, at_j = matrix[n, i], matrix[n, j]
-            matrix[n, i] = matrix[i, n] = c * at_i - s * at_j
-            matrix[n, j] = matrix[j, n] = s * at_i + c * at_j
+    return c, t * c, t * off

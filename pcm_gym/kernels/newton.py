@@ -10,6 +10,7 @@ from pcm_gym.kernels.closure import (
     FORCE_G,
     FORCE_X,
     FORCE_Y,
+    TIP_G,
     Workspace,
     evaluate_rods,
     set_inputs,
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 
 CONVERGED, TOO_FAR, DIVERGED, SINGULAR, ITERATION_LIMIT = range(5)
 
-# A correction below this is the last: Newton's next one would be of the order of its square.
-LAST_CORRECTION = 1e-11
+# Newton's method stops when the correction after the present one is expected to be below this.
+LAST_CORRECTION = 1e-13
 # Corrections this small may be rounding: their contraction says nothing.
 ROUNDING = 1e-12
 
@@ -39,8 +40,17 @@ class NewtonRules(NamedTuple):
 
 
 @kernel
+def is_last(size: float, previous: float) -> bool:
+    """Return whether a correction of this size after the previous one is the last that matters.
+
+    Quadratic convergence makes the next one about size (size / previous)^2.
+    """
+    return size * (size / previous) ** 2 < LAST_CORRECTION if size < previous < math.inf else size < LAST_CORRECTION
+
+
+@kernel
 def correction_size(legs: Array, x: Array, work: Workspace) -> float:
-    """Return the size of `work.step`: the largest change of pose or, relative to 1 + |force|, of a rod's force.
+    """Return the size of `work.step`: the largest change of pose, of a rod's tip, or, over 1 + |force|, of its force.
 
     Unlike the change of g itself, this measure is fair to taut rods, whose g_y is exponentially small.
     """
@@ -50,10 +60,13 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
     for d in range(pose, x.shape[0]):
         size = max(size, abs(step[d]))
     for i in range(legs.shape[0]):
-        change_x = rods[i, FORCE_G] * step[2 * i] + rods[i, FORCE_G + 1] * step[2 * i + 1]
-        change_y = rods[i, FORCE_G + 2] * step[2 * i] + rods[i, FORCE_G + 3] * step[2 * i + 1]
-        force = math.hypot(rods[i, FORCE_X], rods[i, FORCE_Y])
-        size = max(size, math.hypot(change_x, change_y) / (1.0 + force))
+        g_x, g_y = step[2 * i], step[2 * i + 1]
+        tip_x = rods[i, TIP_G] * g_x + rods[i, TIP_G + 1] * g_y
+        tip_y = rods[i, TIP_G + 2] * g_x + rods[i, TIP_G + 3] * g_y
+        force_x = rods[i, FORCE_G] * g_x + rods[i, FORCE_G + 1] * g_y
+        force_y = rods[i, FORCE_G + 2] * g_x + rods[i, FORCE_G + 3] * g_y
+        force = 1.0 + abs(rods[i, FORCE_X]) + abs(rods[i, FORCE_Y])
+        size = max(size, abs(tip_x), abs(tip_y), abs(force_x) / force, abs(force_y) / force)
     return size if math.isfinite(size) else math.inf
 
 
@@ -61,23 +74,23 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
 def solve_forward_locally(legs: Array, inputs: Array, load: Array, x: Array, rules: NewtonRules, work: Workspace) -> int:
     """Correct `x` in place to the equilibrium near it at these inputs; return a status.
 
-    On success the rod table belongs to the last iterate, which differs from the corrected `x` by less than 1e-11.
+    The rod table belongs to the state before the last correction.
     """
     set_inputs(legs, inputs, work)
     previous = math.inf
     for iteration in range(rules.iterations):
         evaluate_rods(legs, x, work)
         set_residual(legs, x, load, work)
-        if solve_equilibrium_system(legs, x, work.residual, work) == 0.0:
+        if not solve_equilibrium_system(legs, x, work.residual, work):
             return SINGULAR
         size = correction_size(legs, x, work)
         if iteration == 0 and size > rules.first_correction:
             return TOO_FAR
-        if not size <= max(rules.contraction * previous, ROUNDING):
+        if not size <= max(rules.contraction * previous, ROUNDING) or size == math.inf:
             return DIVERGED
         for j in range(x.shape[0]):
             x[j] += work.step[j]
-        if size < LAST_CORRECTION:
+        if is_last(size, previous):
             return CONVERGED
         previous = size
     return ITERATION_LIMIT
@@ -95,7 +108,7 @@ def solve_inverse_locally(legs: Array, inputs: Array, load: Array, x: Array, rul
         set_inverse_matrix(legs, x, work)
         for row in range(size):
             work.vector[row] = -work.residual[row]
-        if solve_linear(work.matrix, work.vector, size) == 0.0:
+        if not solve_linear(work.matrix, work.vector, size):
             return SINGULAR
         largest_input = 0.0
         for j in range(size):
@@ -104,13 +117,13 @@ def solve_inverse_locally(legs: Array, inputs: Array, load: Array, x: Array, rul
         correction = max(correction_size(legs, x, work), largest_input)
         if iteration == 0 and correction > rules.first_correction:
             return TOO_FAR
-        if not correction <= max(rules.contraction * previous, ROUNDING):
+        if not correction <= max(rules.contraction * previous, ROUNDING) or correction == math.inf:
             return DIVERGED
         for j in range(pose):
             x[j] += work.step[j]
         for i in range(legs.shape[0]):
             inputs[i] += work.vector[pose + i]
-        if correction < LAST_CORRECTION:
+        if is_last(correction, previous):
             return CONVERGED
         previous = correction
     return ITERATION_LIMIT

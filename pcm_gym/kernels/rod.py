@@ -21,6 +21,8 @@ from pcm_gym.kernels.elliptic import jacobi, quarter_period
 # Below this load |g| the power series is used: the closed form divides rounding errors by |g|.
 _SERIES_LOAD = 0.05
 _SERIES_TERMS = 7
+# Beyond this load (rho = 500) exp(rho) nears the end of the floating-point range.
+_LARGEST_LOAD = 2.5e5
 
 
 class RodPoint(NamedTuple):
@@ -59,9 +61,12 @@ def rod(g_x: float, g_y: float) -> RodPoint:
 
     The tip and the force are in the clamp's frame, in units of L and EI/L^2. `dead_load_index` counts the unstable
     directions of the rod when its tip is free under the constant force: the zeros of eta in (0, rho). Relative
-    error about 1e-14; about 0.1 microseconds.
+    error about 1e-14; about 0.1 microseconds. All is nan where |g| exceeds 2.5e5 or is not a number.
     """
     load = math.hypot(g_x, g_y)
+    if not load <= _LARGEST_LOAD:
+        nan = math.nan
+        return RodPoint(nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan)
     if load < _SERIES_LOAD:
         return _rod_series(g_x, g_y)
     return _rod_elliptic(g_x, g_y, load)

@@ -11,51 +11,52 @@ from pcm_gym.kernels.closure import (
     TIP_G,
     Workspace,
     evaluate_rods,
-    is_condensable,
+    pole_distance,
     set_leg_stiffness,
-    set_stiffness,
+    stiffness,
 )
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.linear import symmetric_eigenvalues
+from pcm_gym.kernels.linear import Symmetric, eigenvalues_2, eigenvalues_3
 
 Array = NDArray[np.float64]
 
+# Nearer than this to a pole the entries of the stiffness say nothing any more.
+_POLE_LIMIT = 1e-14
 # Sideways displacement, in lengths of the rod, by which a rod is moved off a pole of its stiffness.
 _NUDGE = 1e-5
 
 
 class Stability(NamedTuple):
-    """Verdict on one equilibrium; the stiffness itself is in the workspace."""
+    """Verdict on one equilibrium."""
 
     morse_index: int  # unstable directions of the total energy under the closure constraints
     stability_margin: float  # least eigenvalue of K; of a stable state, zero exactly at the loss of stability
     singularity_margin: float  # least absolute eigenvalue of K: zero exactly at a fold
+    stiffness: Symmetric  # K; of a point end-effector its upper left corner
 
 
 @kernel
 def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
-    """Return index and margins from the rod table of the equilibrium `x`, and fill `work.stiffness`.
+    """Return index and margins from the rod table of the equilibrium `x`.
 
     index = n_minus(K) + sum (zeros of eta - n_minus(A)) over the legs (A: stiffness of one rod at its tip). The sum is
     unchanged across a pole of A, so at a pole the rods are judged a hair beside it.
     """
-    if not set_leg_stiffness(legs, work):
+    if set_leg_stiffness(legs, work) < _POLE_LIMIT:
         _evaluate_beside_poles(legs, x, work)
-    set_stiffness(legs, x, work)
-    dof = x.shape[0] - 2 * legs.shape[0]
-    for d in range(dof):
-        for e in range(dof):
-            work.small_matrix[d, e] = work.stiffness[d, e]
-    symmetric_eigenvalues(work.small_matrix, dof)
-    index, least, least_absolute = 0, math.inf, math.inf
-    for d in range(dof):
-        eigenvalue = work.small_matrix[d, d]
-        least, least_absolute = min(least, eigenvalue), min(least_absolute, abs(eigenvalue))
-        if eigenvalue < 0.0:
-            index += 1
+    matrix = stiffness(legs, x, work)
+    index = 0
     for i in range(legs.shape[0]):
         index += int(work.rods[i, DEAD_LOAD_INDEX]) - _negative_directions(work.leg_stiffness[i])
-    return Stability(index, least, least_absolute)
+    if x.shape[0] - 2 * legs.shape[0] == 2:
+        first, second = eigenvalues_2(matrix)
+        third = math.inf
+    else:
+        first, second, third = eigenvalues_3(matrix)
+    index += (1 if first < 0.0 else 0) + (1 if second < 0.0 else 0) + (1 if third < 0.0 else 0)
+    return Stability(
+        index, min(first, second, third), min(abs(first), abs(second), abs(third)), matrix
+    )
 
 
 @kernel
@@ -71,7 +72,7 @@ def _evaluate_beside_poles(legs: Array, x: Array, work: Workspace) -> None:
     """Set the legs' stiffness with each rod at a pole moved sideways by about `_NUDGE`; tips and forces are kept."""
     beside = x.copy()
     for i in range(legs.shape[0]):
-        if not is_condensable(work, i):
+        if pole_distance(work, i) < _POLE_LIMIT:
             g_x, g_y = x[2 * i], x[2 * i + 1]
             load = max(math.hypot(g_x, g_y), 1.0)
             # taut rods answer to a sideways load like exp(rho)

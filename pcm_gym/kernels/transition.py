@@ -16,7 +16,9 @@ from pcm_gym.kernels.closure import (
     TURN,
     UPPER,
     Workspace,
+    evaluate_rods,
     make_workspace,
+    set_inputs,
 )
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.continuation import (
@@ -118,7 +120,9 @@ def step_batch(
         tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
         if tracked.event == SOLVER_FAILURE:
             x[:], inputs[:] = x_start, inputs_start
-            tracked = judge(legs, x, inputs, load, SOLVER_FAILURE, 0.0, work)
+            set_inputs(legs, inputs, work)
+            evaluate_rods(legs, x, work)
+            tracked = judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
         is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
         costs[row, UNSTABLE] = 1.0 if is_lost else 0.0
         costs[row, SINGULAR] = 1.0 if tracked.singularity_margin < singular_margin else 0.0
@@ -136,7 +140,9 @@ def describe_batch(legs: Array, states: States, verdicts: Array, features: Array
     work = make_workspace(legs.shape[0], states.x.shape[1])
     for row in range(states.x.shape[0]):
         x, inputs = states.x[row], states.inputs[row]
-        tracked = judge(legs, x, inputs, states.load[row], NONE, 0.0, work)
+        set_inputs(legs, inputs, work)
+        evaluate_rods(legs, x, work)
+        tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
         _set_verdict(tracked, verdicts[row])
         set_features(legs, x, inputs, tracked, tracked.morse_index > 0, work, features[row])
 

@@ -45,8 +45,8 @@ class Camera:
 
     def pixels(self, points: ArrayLike) -> Array:
         """Return pixel coordinates (column, row) of world `points` (..., 2); (0, 0) is the upper left corner."""
-        offset = (np.asarray(points, dtype=np.float64) - self.centre) * (self.scale, -self.scale)
-        return offset + (0.5 * self.size[0], 0.5 * self.size[1])
+        from_centre = np.asarray(points, dtype=np.float64) - self.centre
+        return from_centre * (self.scale, -self.scale) + 0.5 * np.array(self.size)
 
     @property
     def bounds(self) -> Bounds:

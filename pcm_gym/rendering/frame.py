@@ -11,13 +11,14 @@ from pcm_gym.rendering import parts
 from pcm_gym.rendering.camera import Bounds, Camera, reach_bounds
 from pcm_gym.rendering.canvas import Canvas
 from pcm_gym.rendering.polylines import Polylines, equilibrium_polylines
-from pcm_gym.rendering.style import Colour, Paint, Style
+from pcm_gym.rendering.style import Colour, Style
 from pcm_gym.solving import Equilibrium
 
-_MAGNIFICATION = 2  # pixels drawn per pixel of the frame, each way
-_MARGIN = 26.0  # around the mechanism's reach, in pixels of the style: room for actuators and the caption
+_MAGNIFICATION = 3  # pixels drawn per pixel of the frame, each way
+_MARGIN = 18.0  # around the mechanism's reach, in pixels of the style: room for an actuator
 _STYLE_SIZE = 480.0
 _SIZE_MIN = 64
+_LEGEND_SIZE_MIN = 300  # a smaller frame has no room for the legend
 _POINTS = 60
 
 Frame = NDArray[np.uint8]
@@ -66,6 +67,7 @@ class FrameRenderer:
         rods = [leg.rod for leg in mechanism.legs]
         self._moment_max = self._style.moment_range * max(rod.bending_stiffness / rod.length for rod in rods)
         self._backdrop = self._draw_backdrop()
+        self._legend = self._draw_legend() if min(width, height) >= _LEGEND_SIZE_MIN else None
 
     @property
     def camera(self) -> Camera:
@@ -117,9 +119,12 @@ class FrameRenderer:
 
         canvas = self._canvas(self._backdrop.copy())
         parts.draw_trail(canvas, self._style, trail_points)
+        lines = equilibrium_polylines(equilibrium, _POINTS)
+        self._draw_platforms(canvas, lines, goal_pose)
+        self._draw_legs(canvas, lines, alarm=bool(label))
         if goal_pose is not None:
-            parts.draw_goal(canvas, self._style, mechanism, goal_pose, success_distance)
-        self._draw_mechanism(canvas, equilibrium_polylines(equilibrium, _POINTS), alarm=bool(label))
+            parts.draw_goal(canvas, self._style, goal_pose, success_distance)
+        parts.draw_end_effector(canvas, self._style, lines)
         image = canvas.image.reduce(_MAGNIFICATION)
         self._write(image, caption, label)
         return np.array(image)
@@ -132,14 +137,34 @@ class FrameRenderer:
         parts.draw_rails(canvas, self._style, self._mechanism)
         return canvas.image
 
-    def _draw_mechanism(self, canvas: Canvas, lines: Polylines, *, alarm: bool) -> None:
+    def _draw_legend(self) -> Image.Image:
+        """Return the colour bar of the bending moment, with its ends."""
+        style, unit = self._style, self._unit
+        width, bar = round(style.legend_width * unit), max(3, round(5.0 * unit))
+        font = _font(style.legend_size * unit)
+        colours = np.array(self._colours, dtype=np.uint8)
+        entries = np.linspace(0, len(colours) - 1, width).round().astype(int)
+        legend = Image.new("RGB", (width, bar + round(1.5 * style.legend_size * unit)), style.background)
+        legend.paste(Image.fromarray(np.tile(colours[entries], (bar, 1, 1))), (0, legend.height - bar))
+        pen, row = ImageDraw.Draw(legend), legend.height - bar - round(4.0 * unit)
+        ends = f"{self._moment_max:.2g}"
+        pen.text((0, row), f"-{ends}", style.ink, font, anchor="ls")
+        pen.text((width // 2, row), "moment", style.ink, font, anchor="ms")
+        pen.text((width, row), ends, style.ink, font, anchor="rs")
+        return legend
+
+    def _draw_platforms(self, canvas: Canvas, lines: Polylines, goal: NDArray[np.float64] | None) -> None:
+        if self._mechanism.dof != 3:
+            return
+        if goal is not None:
+            parts.draw_goal_platform(canvas, self._style, self._mechanism, goal)
+        parts.draw_platform(canvas, self._style, lines)
+
+    def _draw_legs(self, canvas: Canvas, lines: Polylines, *, alarm: bool) -> None:
         style = self._style
         parts.draw_actuators(canvas, style, self._mechanism, lines)
-        if self._mechanism.dof == 3:
-            parts.draw_platform(canvas, style, lines)
         parts.draw_rods(canvas, style, lines, self._rod_colours(lines.moments, alarm=alarm))
-        parts.draw_pins(canvas, style, lines)
-        parts.draw_end_effector(canvas, style, lines)
+        parts.draw_clamps(canvas, style, lines)
 
     def _rod_colours(self, moments: NDArray[np.float64], *, alarm: bool) -> list[list[Colour]]:
         if alarm:
@@ -150,19 +175,22 @@ class FrameRenderer:
 
     def _write(self, image: Image.Image, caption: str, label: str) -> None:
         style, (width, height) = self._style, self._camera.size
-        pen = ImageDraw.Draw(image)
+        pen, inset = ImageDraw.Draw(image), round(13.0 * self._unit)
         if label:
             border = max(2, round(style.border_width * self._unit))
             pen.rectangle((0, 0, width - 1, height - 1), None, style.alarm, border)
             font = _font(style.label_size * self._unit)
             place = (0.5 * width, border + 0.75 * style.label_size * self._unit)
-            left, top, right, bottom = pen.textbbox(place, label, font, anchor="mm")
+            left, _, right, bottom = pen.textbbox(place, label, font, anchor="mm")
             pad = 0.5 * style.label_size * self._unit
             box = (left - pad, -pad, right + pad, bottom + 0.6 * pad)
             pen.rounded_rectangle(box, 0.6 * pad, style.alarm)
             pen.text(place, label, (255, 255, 255), font, anchor="mm")
+        elif self._legend is not None:
+            corner = (width - self._legend.width - inset, height - self._legend.height - inset)
+            image.paste(self._legend, corner)
         if caption:
-            place = (12.0 * self._unit, height - 11.0 * self._unit)
+            place = (inset, height - inset)
             pen.text(place, caption, style.ink, _font(style.font_size * self._unit), anchor="ls")
 
     def _canvas(self, image: Image.Image) -> Canvas:

@@ -36,10 +36,9 @@ def draw_rails(canvas: Canvas, style: Style, mechanism: Mechanism) -> None:
 
 
 def draw_actuators(canvas: Canvas, style: Style, mechanism: Mechanism, lines: Polylines) -> None:
-    """Draw motors and carriages, and on each the clamp in the direction in which the rod leaves it."""
-    for leg, base, angle in zip(mechanism.legs, lines.clamps, lines.clamp_angles.tolist(), strict=True):
+    """Draw a motor as a disc and a slider as its carriage."""
+    for leg, base in zip(mechanism.legs, lines.clamps, strict=True):
         _draw_body(canvas, style, leg, base)
-        canvas.box(base, angle, (0.0, style.clamp_length), style.clamp_width, style.metal)
 
 
 def draw_rods(canvas: Canvas, style: Style, lines: Polylines, colours: list[list[Colour]]) -> None:
@@ -49,10 +48,12 @@ def draw_rods(canvas: Canvas, style: Style, lines: Polylines, colours: list[list
         canvas.ribbon(points, paints, style.rod_width)
 
 
-def draw_pins(canvas: Canvas, style: Style, lines: Polylines) -> None:
-    """Draw the pin of each clamp."""
-    for base in lines.clamps:
-        canvas.disc(base, 2.6, style.metal_light, style.ink, 1.0)
+def draw_clamps(canvas: Canvas, style: Style, lines: Polylines) -> None:
+    """Draw each clamp in the direction in which the rod leaves it, with a pin at the clamped point."""
+    for base, angle in zip(lines.clamps, lines.clamp_angles.tolist(), strict=True):
+        extent = (-0.3 * style.clamp_length, 0.7 * style.clamp_length)
+        canvas.box(base, angle, extent, style.clamp_width, style.metal)
+        canvas.disc(base, 2.4, style.background, style.metal, 0.5)
 
 
 def draw_platform(canvas: Canvas, style: Style, lines: Polylines) -> None:
@@ -66,23 +67,23 @@ def draw_end_effector(canvas: Canvas, style: Style, lines: Polylines) -> None:
     """Draw the hinges and the end-effector's origin."""
     for hinge in lines.hinges:
         canvas.disc(hinge, style.hinge_radius, style.background, style.ink, style.outline_width)
-    canvas.disc(lines.end_effector, style.hinge_radius + 0.8, style.ink, style.background, 1.2)
+    canvas.disc(lines.end_effector, style.hinge_radius + 1.2, style.ink, style.background, 1.2)
 
 
-def draw_goal(
-    canvas: Canvas, style: Style, mechanism: Mechanism, pose: Array, success_distance: float | None
-) -> None:
-    """Draw a cross at the goal, the circle of success around it, and a platform's outline at the goal pose."""
-    place = pose[:2]
+def draw_goal_platform(canvas: Canvas, style: Style, mechanism: Mechanism, pose: Array) -> None:
+    """Draw the ghost of the platform at the goal pose."""
+    outline = platform_points(mechanism, pose)
+    canvas.polygon(outline, (*style.goal, 26))
+    canvas.polyline(outline, style.goal, style.outline_width, closed=True)
+    canvas.polyline([pose[:2], outline[0]], style.goal, style.outline_width)
+
+
+def draw_goal(canvas: Canvas, style: Style, pose: Array, success_distance: float | None) -> None:
+    """Draw a cross at the goal and the circle of success around it."""
+    place, arm = pose[:2], canvas.metres(style.goal_arm)
     if success_distance is not None:
         radius = success_distance * canvas.camera.scale / canvas.unit
         canvas.disc(place, radius, (*style.goal, 42), style.goal, 1.2)
-    if mechanism.dof == 3:
-        outline = platform_points(mechanism, pose)
-        canvas.polygon(outline, (*style.goal, 26))
-        canvas.polyline(outline, style.goal, style.outline_width, closed=True)
-        canvas.polyline([place, outline[0]], style.goal, style.outline_width)
-    arm = canvas.metres(style.goal_arm)
     for direction in ((arm, arm), (arm, -arm)):
         canvas.polyline([place - direction, place + direction], style.goal, 2.2)
 

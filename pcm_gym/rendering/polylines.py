@@ -66,7 +66,8 @@ def platform_points(mechanism: Mechanism, pose: Array) -> Array:
     angle = float(pose[2]) if mechanism.dof == 3 else 0.0
     c, s = math.cos(angle), math.sin(angle)
     attachments = np.array([leg.attachment for leg in mechanism.legs])
-    return pose[:2] + attachments @ np.array([[c, s], [-s, c]])
+    turned: Array = attachments @ np.array([[c, s], [-s, c]])
+    return pose[:2] + turned
 
 
 def _clamp_angles(mechanism: Mechanism, inputs: Array) -> Array:

@@ -24,24 +24,26 @@ class Style:
     goal: Colour = (0, 140, 104)
     trail: Colour = (148, 112, 190)
     alarm: Colour = (214, 24, 38)
-    moment_negative: tuple[Colour, ...] = ((0, 134, 214), (42, 104, 158))  # outermost first
-    moment_zero: Colour = (70, 76, 90)
-    moment_positive: tuple[Colour, ...] = ((178, 112, 40), (242, 150, 0))  # outermost last
+    moment_negative: tuple[Colour, ...] = ((0, 158, 240), (28, 112, 182))  # outermost first
+    moment_zero: Colour = (62, 68, 82)
+    moment_positive: tuple[Colour, ...] = ((196, 116, 24), (255, 162, 0))  # outermost last
 
-    rod_width: float = 3.6
-    halo_width: float = 6.4
+    rod_width: float = 4.0
+    halo_width: float = 7.0
     trail_width: float = 1.6
     outline_width: float = 1.6
-    motor_radius: float = 9.0
-    clamp_length: float = 13.0
-    clamp_width: float = 8.0
+    motor_radius: float = 10.0
+    clamp_length: float = 15.0
+    clamp_width: float = 9.0
     hinge_radius: float = 3.4
     goal_arm: float = 6.5
     border_width: float = 6.0
     font_size: float = 13.0
     label_size: float = 17.0
+    legend_width: float = 124.0
+    legend_size: float = 11.0
 
-    moment_range: float = 5.0  # the moment with full colour, in units of EI / L
+    moment_range: float = 3.0  # the moment with full colour, in units of EI / L
 
     def mix(self, colour: Colour, opacity: float) -> Colour:
         """Return `colour` over the background, solid."""

@@ -5,11 +5,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
 from pcm_gym.kernels.equilibrium import search_forward
+from pcm_gym.kernels.rod_table import make_rod_table
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
-_START_COUNT = 4096
+Array = NDArray[np.float64]
+
 _RHO_MAX = 9.0
+_TABLE_SHAPE = (72, 97)
+_POSE_COUNT = 256
+_MOST_FOUND = 65_536
 
 
 def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equilibrium:
@@ -39,28 +44,23 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     return min(stable, key=lambda found: float(np.linalg.norm((found.pose - wanted) / mechanism.units.pose)))
 
 
-def _search(
-    mechanism: Mechanism, inputs: NDArray[np.float64], load: NDArray[np.float64]
-) -> list[Equilibrium]:
+def _search(mechanism: Mechanism, inputs: Array, load: Array) -> list[Equilibrium]:
+    """Return the equilibria found near the home pose, or near poses spread over the common reach of the legs."""
     units = mechanism.units
-    found = np.empty((_START_COUNT, mechanism.state_size))
+    table = make_rod_table(_RHO_MAX, *_TABLE_SHAPE)
+    found = np.empty((_MOST_FOUND, mechanism.state_size))
     count = search_forward(
-        mechanism.leg_table, inputs / units.inputs, load / units.load, _starts(mechanism), found
+        mechanism.leg_table, inputs / units.inputs, load / units.load, _start_poses(mechanism), table, found
     )
-    rounded, keep = np.unique(np.round(found[:count], 6), axis=0, return_index=True)
-    loads = np.abs(rounded[:, : 2 * mechanism.leg_count]).max(axis=1, initial=0.0)
-    return [Equilibrium(mechanism, found[i], inputs, load) for i in keep[loads <= _RHO_MAX**2]]
+    _, first = np.unique(np.round(found[:count], 6), axis=0, return_index=True)
+    is_within = np.abs(found[first, : 2 * mechanism.leg_count]).max(axis=1, initial=0.0) <= _RHO_MAX**2
+    return [Equilibrium(mechanism, found[row], inputs, load) for row in first[is_within]]
 
 
-def _starts(mechanism: Mechanism) -> NDArray[np.float64]:
-    """Return rods spread evenly over tip loads with rho <= 9, taut ones on a logarithmic scale, and platform angles."""
-    unit = qmc.Sobol(mechanism.state_size, seed=0).random(_START_COUNT)
-    starts = np.zeros((_START_COUNT, mechanism.state_size))
-    for leg in range(mechanism.leg_count):
-        rho = _RHO_MAX * np.sqrt(unit[:, 2 * leg])
-        side = 2.0 * unit[:, 2 * leg + 1] - 1.0
-        angle = np.pi * np.sign(side) * np.expm1(rho * np.abs(side)) / np.expm1(rho)
-        starts[:, 2 * leg] = rho**2 * np.cos(angle)
-        starts[:, 2 * leg + 1] = -(rho**2) * np.sin(angle)
-    starts[:, -1] = np.pi * (2.0 * unit[:, -1] - 1.0)
-    return starts
+def _start_poses(mechanism: Mechanism) -> Array:
+    if mechanism.home_pose is not None:
+        return np.array([mechanism.home_pose]) / mechanism.units.pose
+    unit = 2.0 * qmc.Sobol(mechanism.dof, seed=0).random(_POSE_COUNT) - 1.0
+    unit[:, :2] += np.mean([leg.actuator.base for leg in mechanism.legs], axis=0) / mechanism.units.length
+    unit[:, 2:] *= np.pi
+    return unit

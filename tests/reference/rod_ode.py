@@ -29,7 +29,7 @@ class IntegratedRod(NamedTuple):
     point: Callable[[Array], Array]  # (n, 2): centre line at the distances s from the base
 
 
-def integrate_rod(g_x: float, g_y: float) -> IntegratedRod:
+def integrate_rod(g_x: float, g_y: float, relative_tol: float = RELATIVE_TOL) -> IntegratedRod:
     """Return the rod of the tip load (g_x, g_y), given in the tip's frame."""
 
     def slope(_: float, state: Array) -> list[float]:
@@ -37,9 +37,9 @@ def integrate_rod(g_x: float, g_y: float) -> IntegratedRod:
         return [rate, g_x * np.sin(tau) - g_y * np.cos(tau), np.cos(tau), np.sin(tau), 0.5 * rate**2]
 
     scale = min(1.0, abs(g_y)) if g_y != 0.0 else 1.0
-    tolerances = ABSOLUTE_TOL * np.array([scale, scale, 1.0, 1.0, 1.0])
+    tolerances = ABSOLUTE_TOL / RELATIVE_TOL * relative_tol * np.array([scale, scale, 1.0, 1.0, 1.0])
     solved = solve_ivp(
-        slope, (0.0, 1.0), np.zeros(5), method="DOP853", rtol=RELATIVE_TOL, atol=tolerances, dense_output=True
+        slope, (0.0, 1.0), np.zeros(5), method="DOP853", rtol=relative_tol, atol=tolerances, dense_output=True
     )
     assert solved.success, solved.message
     base_angle, _, x, y, energy = solved.y[:, -1]

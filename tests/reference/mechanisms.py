@@ -1,0 +1,133 @@
+"""Mechanisms for tests: the three families with random geometry, many equilibria of them, and the homes by hand."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels.closure import make_workspace
+from pcm_gym.kernels.equilibrium import search_forward
+from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
+from pcm_gym.kernels.rod import rod
+from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
+from pcm_gym.solving import Equilibrium
+
+Array = NDArray[np.float64]
+
+FAMILIES = ("2RFR", "2PFR", "3PFR")
+
+
+def random_mechanism(family: str, rng: np.random.Generator, *, is_unequal: bool = True) -> Mechanism:
+    """Return a mechanism of the family; unequal rods differ by up to 60 % in length and a factor of 3 in stiffness."""
+
+    def rod() -> Rod:
+        if not is_unequal:
+            return Rod(1.0, 1.0)
+        return Rod(float(rng.uniform(0.8, 1.3)), float(3.0 ** rng.uniform(-0.5, 0.5)))
+
+    if family == "3PFR":
+        turn, base, hinge = rng.uniform(0.4, 1.2), rng.uniform(0.55, 0.9), rng.uniform(0.15, 0.4)
+        legs = []
+        for direction in np.radians([90.0, 210.0, 330.0]) + rng.uniform(-0.3, 0.3, 3):
+            outwards = np.array([math.cos(direction), math.sin(direction)])
+            actuator = Prismatic(tuple(base * outwards), direction + math.pi / 2.0, direction + math.pi + turn)
+            legs.append(Leg(actuator, rod(), tuple(hinge * outwards)))
+        return Mechanism(family, tuple(legs))
+    half = rng.uniform(0.15, 0.45)
+    bases = [(-half, rng.uniform(-0.1, 0.1)), (half, rng.uniform(-0.1, 0.1))]
+    if family == "2RFR":
+        return Mechanism(family, tuple(Leg(Revolute(base), rod()) for base in bases))
+    angles = math.pi / 2.0 + rng.uniform(-0.6, 0.6, 2)
+    return Mechanism(family, tuple(Leg(Prismatic(base, a, a), rod()) for base, a in zip(bases, angles, strict=True)))
+
+
+def random_inputs(mechanism: Mechanism, rng: np.random.Generator) -> Array:
+    """Return inputs: any direction within the upper half plane for motors, up to 0.3 for sliders."""
+    if mechanism.name == "2RFR":
+        return rng.uniform(0.2, math.pi - 0.2, 2)
+    return rng.uniform(-0.3, 0.3, mechanism.leg_count)
+
+
+def random_load(mechanism: Mechanism, rng: np.random.Generator) -> Array:
+    """Return a load of a few EI / L^2."""
+    return rng.uniform(-1.0, 1.0, mechanism.dof) * mechanism.units.load * 8.0
+
+
+def random_states(mechanism: Mechanism, rng: np.random.Generator, count: int, rho_max: float = 8.0) -> Array:
+    """Return states whose rods carry random loads; not equilibria."""
+    states = np.zeros((count, mechanism.state_size))
+    for leg in range(mechanism.leg_count):
+        rho = rho_max * np.sqrt(rng.uniform(size=count))
+        side = rng.uniform(-1.0, 1.0, count)
+        b = math.pi * np.sign(side) * np.expm1(rho * np.abs(side)) / np.expm1(rho)
+        states[:, 2 * leg] = rho**2 * np.cos(b)
+        states[:, 2 * leg + 1] = -(rho**2) * np.sin(b)
+    states[:, 2 * mechanism.leg_count :] = rng.uniform(-1.0, 1.0, (count, mechanism.dof))
+    return states
+
+
+def find_equilibria(
+    mechanism: Mechanism, inputs: Array, load: Array, rng: np.random.Generator, starts: int = 200, rho_max: float = 8.0
+) -> list[Equilibrium]:
+    """Return different equilibria with every rho <= rho_max; some, not all."""
+    units = mechanism.units
+    found = np.empty((starts, mechanism.state_size))
+    count = search_forward(
+        mechanism.leg_table,
+        inputs / units.inputs,
+        load / units.load,
+        random_states(mechanism, rng, starts, rho_max),
+        found,
+    )
+    _, keep = np.unique(np.round(found[:count, 2 * mechanism.leg_count :], 5), axis=0, return_index=True)
+    equilibria = [Equilibrium(mechanism, found[i], inputs, load) for i in sorted(keep)]
+    return [e for e in equilibria if max(rod.rho for rod in e.rods) <= rho_max]
+
+
+# Home of the catalogued mechanisms as their design names it: pose, and the rods' common rho (None: any below 2)
+HOME_POSES = {"2RFR": (0.0, 0.927501479), "2PFR": (0.0, 0.976), "3PFR": (0.0, 0.0, 0.161919)}
+HOME_RHOS = {"2RFR": (0.5, 2.0), "2PFR": (0.5, 2.0), "3PFR": (6.3, 6.42)}
+
+
+def home_by_construction(name: str) -> Equilibrium:
+    """Return the home of a catalogued mechanism: each rod from clamp to hinge at the known pose, then Newton.
+
+    Of all loads whose rod ends at the hinge, to the digits that the pose is given in, the one in the known range of rho.
+    """
+    mechanism = get_mechanism(name)
+    pose, units = np.array(HOME_POSES[name]), mechanism.units
+    inputs = np.array(mechanism.home_inputs)
+    state = np.concatenate([np.zeros(2 * mechanism.leg_count), pose / units.pose])
+    phi = pose[2] if len(pose) == 3 else 0.0
+    for i, leg in enumerate(mechanism.legs):
+        actuator, value = leg.actuator, float(inputs[i])
+        base, clamp_angle = np.array(actuator.base), actuator.clamp_angle
+        if isinstance(actuator, Revolute):
+            clamp_angle += value
+        else:
+            base = base + value * np.array([math.cos(actuator.axis_angle), math.sin(actuator.axis_angle)])
+        hinge = pose[:2] + _turned(np.array(leg.attachment), phi)
+        state[2 * i : 2 * i + 2] = _load_of_tip(_turned(hinge - base, -clamp_angle) / leg.rod.length, *HOME_RHOS[name])
+    work = make_workspace(mechanism.leg_count, mechanism.state_size)
+    rules = NewtonRules(first_correction=1.0, contraction=10.0, iterations=20)
+    status = solve_forward_locally(
+        mechanism.leg_table, inputs / units.inputs, np.zeros(mechanism.dof), state, rules, work
+    )
+    assert status == CONVERGED
+    return Equilibrium(mechanism, state, inputs, np.zeros(mechanism.dof))
+
+
+def _turned(vector: Array, angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+def _load_of_tip(tip: Array, rho_min: float, rho_max: float) -> Array:
+    best, least = np.zeros(2), math.inf
+    for rho in np.linspace(rho_min, rho_max, 25):
+        for b in np.linspace(-math.pi, math.pi, 721):
+            g = rho**2 * np.array([math.cos(b), -math.sin(b)])
+            distance = float(np.hypot(*(np.array(rod(*g)[:2]) - tip)))
+            if distance < least:
+                best, least = g, distance
+    return best
