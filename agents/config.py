@@ -61,7 +61,8 @@ class ExperimentConfig(_Section):
 
     `hyperparameters` go to the Stable-Baselines3 algorithm. Two spellings are added to its own: an activation
     function by name (``policy_kwargs: {activation_fn: tanh}``) and a schedule that falls linearly over the training
-    (``learning_rate: {start: 3e-4, end: 1e-5}``).
+    (``learning_rate: {start: 3e-4, end: 1e-5}``). `cost_weight` is the reward that a cost of one takes away while
+    learning; no evaluation knows of it.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -69,6 +70,7 @@ class ExperimentConfig(_Section):
     algorithm: AlgorithmName = "PPO"
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
     hindsight: HindsightConfig | None = None
+    cost_weight: Annotated[float, Field(ge=0)] = 0.0
     num_envs: Count = 64
     total_steps: Count
     seed: Seed = 0
@@ -86,6 +88,8 @@ class ExperimentConfig(_Section):
     def _check_hindsight(self) -> Self:
         if self.hindsight is not None and not self.is_off_policy:
             raise ValueError(f"hindsight needs a replay buffer, which {self.algorithm} does not have")
+        if self.hindsight is not None and self.cost_weight > 0.0:
+            raise ValueError("hindsight computes rewards anew, from the goals alone: cost_weight must be 0")
         return self
 
     @model_validator(mode="after")

@@ -23,7 +23,7 @@ import pcm_gym  # noqa: F401 (registers the environments)
 from agents.config import AlgorithmName, ConfigError, ExperimentConfig
 from agents.features import GoalErrorFeatures
 from agents.runs import MODEL, NORMALISATION, REPLAY_BUFFER
-from agents.vector_adapter import NativeVecEnv
+from agents.vector_adapter import CostPenalty, NativeVecEnv
 
 FEATURES: dict[str, type[BaseFeaturesExtractor]] = {"goal_error": GoalErrorFeatures}
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "silu": nn.SiLU}
@@ -36,7 +36,7 @@ def algorithm_class(name: AlgorithmName) -> type[BaseAlgorithm]:
 
 
 def make_training_env(config: ExperimentConfig) -> VecEnv:
-    """Native batch of the experiment's environment, its episodes monitored."""
+    """Native batch of the experiment's environment, its episodes monitored, its costs taken from the rewards."""
     batch = gymnasium.make_vec(
         config.environment.id,
         num_envs=config.num_envs,
@@ -44,7 +44,8 @@ def make_training_env(config: ExperimentConfig) -> VecEnv:
         autoreset_mode=AutoresetMode.SAME_STEP,
         **config.environment.kwargs,
     )
-    return VecMonitor(NativeVecEnv(batch))
+    monitored = VecMonitor(NativeVecEnv(batch))
+    return CostPenalty(monitored, config.cost_weight) if config.cost_weight > 0.0 else monitored
 
 
 def new_learner(config: ExperimentConfig) -> BaseAlgorithm:

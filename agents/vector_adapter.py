@@ -1,4 +1,4 @@
-"""A native Gymnasium batch as the vector environment that Stable-Baselines3 expects."""
+"""A native Gymnasium batch as the vector environment that Stable-Baselines3 expects, and what learning adds to it."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 Info = dict[str, Any]
@@ -117,6 +117,32 @@ class NativeVecEnv(VecEnv):
             yield layer
             layer = layer.env
         yield layer
+
+
+class CostPenalty(VecEnvWrapper):
+    """Takes a multiple of each step's cost from its reward; what the infos say stays as it is.
+
+    Parameters
+    ----------
+    venv
+        Environments whose infos have a `cost`.
+    weight
+        Reward that a cost of one takes away.
+    """
+
+    def __init__(self, venv: VecEnv, weight: float) -> None:
+        super().__init__(venv)
+        self._weight = weight
+
+    def reset(self) -> VecEnvObs:
+        """First observations of new episodes."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Outcome of the step, its rewards less the weighted costs."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        costs = np.array([info["cost"] for info in infos], dtype=np.float32)
+        return observations, rewards - self._weight * costs, dones, infos
 
 
 def split_infos(infos: Info, count: int) -> list[Info]:

@@ -182,7 +182,6 @@ class Simulation:
 
     def step(self, actions: Array) -> Outcome:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
-        increments = np.clip(actions, -1.0, 1.0) * self._stride
         verdicts = np.empty((self.count, VERDICT_COLUMNS))
         costs = np.empty((self.count, COST_COLUMNS))
         features = np.empty((self.count, self._feature_count))
@@ -190,7 +189,8 @@ class Simulation:
         step_batch(
             settings.mechanism.leg_table,
             self.states,
-            increments,
+            actions,
+            self._stride,
             settings.singular_margin,
             verdicts,
             costs,
@@ -208,13 +208,13 @@ class Simulation:
     def _outcome(self, features: Array, costs: Array, verdicts: Array) -> Outcome:
         task = self.settings.task
         achieved = task.goals_from_features(features)
-        distances = task.distances(achieved, self.goals)
+        rewards, successes = task.score(achieved, self.goals)
         return Outcome(
             {"observation": features, "achieved_goal": achieved, "desired_goal": self.goals.copy()},
-            task.rewards(distances),
+            rewards,
             costs[:, UNSTABLE] > 0.0,
             costs[:, SOLVER] > 0.0,
-            task.successes(distances),
+            successes,
             costs,
             verdicts,
         )

@@ -1,6 +1,7 @@
 """One environment class for every mechanism and task."""
 
 import copy
+import math
 from typing import Any
 
 import gymnasium
@@ -179,7 +180,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         achieved = np.asarray(achieved_goal, dtype=np.float64)
         desired = np.asarray(desired_goal, dtype=np.float64)
         task = self.task
-        rewards = task.rewards(task.distances(np.atleast_2d(achieved), np.atleast_2d(desired)))
+        rewards, _ = task.score(np.atleast_2d(achieved), np.atleast_2d(desired))
         return float(rewards[0]) if achieved.ndim == 1 else rewards
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
@@ -228,7 +229,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         values = np.asarray(action, dtype=np.float64)
         if values.shape != self._action_shape:
             raise ValueError(f"action must have shape {self._action_shape}, got {values.shape}")
-        if not np.isfinite(values).all():
+        if not all(map(math.isfinite, values)):
             raise ValueError(f"action must be finite, got {values.tolist()}")
         return values[None]
 

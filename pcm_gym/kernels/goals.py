@@ -9,24 +9,28 @@ from pcm_gym.kernels.compilation import kernel
 
 Array = NDArray[np.float64]
 
+# Half of the dense reward falls linearly over this distance, half exponentially over this one.
+FAR, NEAR = 1.0, 0.05
+
 
 @kernel
-def goal_distances(achieved: Array, desired: Array, arm: float, distances: Array) -> None:
-    """Fill `distances` (n,) with how far poses are from goals (n, 2 or 4).
+def score_goals(achieved: Array, desired: Array, arm: float, tolerance: float, is_sparse: bool) -> tuple[Array, Array]:
+    """Return the rewards (n,) of achieved for desired goals (n, 2 or 4), and their distances (n,).
 
-    Position differences count as they are, differences of (cos phi, sin phi) as seen at the end of `arm`.
+    Position differences count as they are, differences of (cos phi, sin phi) as seen at the end of `arm`. Sparse: 1
+    within `tolerance`, else 0. Dense: the mean of a far and a near term, each 1 at the goal and never negative.
     """
-    for row in range(achieved.shape[0]):
+    count = achieved.shape[0]
+    rewards, distances = np.empty(count), np.empty(count)
+    for row in range(count):
         squared = 0.0
         for j in range(achieved.shape[1]):
             difference = achieved[row, j] - desired[row, j]
             squared += difference * difference * (1.0 if j < 2 else arm * arm)
-        distances[row] = math.sqrt(squared)
-
-
-@kernel
-def dense_rewards(distances: Array, near: float, rewards: Array) -> None:
-    """Fill `rewards` with the mean of a term that falls linearly over 1 and one that falls exponentially over `near`."""
-    for row in range(distances.shape[0]):
-        distance = distances[row]
-        rewards[row] = 0.5 * max(0.0, 1.0 - distance) + 0.5 * math.exp(-distance / near)
+        distance = math.sqrt(squared)
+        distances[row] = distance
+        if is_sparse:
+            rewards[row] = 1.0 if distance <= tolerance else 0.0
+        else:
+            rewards[row] = 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
+    return rewards, distances

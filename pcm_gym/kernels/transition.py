@@ -99,15 +99,16 @@ def _set_rod_features(legs: Array, x: Array, leg: int, work: Workspace, out: Arr
 def step_batch(
     legs: Array,
     states: States,
-    increments: Array,
+    actions: Array,
+    stride: Array,
     singular_margin: float,
     verdicts: Array,
     costs: Array,
     features: Array,
 ) -> None:
-    """Move every environment by its increments of the inputs (n, legs), in place.
+    """Move the inputs of every environment by its action (n, legs), cut to [-1, 1], times `stride`, in place.
 
-    Increments beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `verdicts`
+    Inputs beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `verdicts`
     (n, 6), `costs` (n, 4) and `features` (n, m).
     """
     count, size = states.x.shape
@@ -116,7 +117,7 @@ def step_batch(
     for row in range(count):
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
-        is_cut = _set_target(legs, inputs, increments[row], target)
+        is_cut = _set_target(legs, inputs, actions[row], stride, target)
         tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
         if tracked.event == SOLVER_FAILURE:
             x[:], inputs[:] = x_start, inputs_start
@@ -148,10 +149,10 @@ def describe_batch(legs: Array, states: States, verdicts: Array, features: Array
 
 
 @kernel
-def _set_target(legs: Array, inputs: Array, increment: Array, target: Array) -> bool:
+def _set_target(legs: Array, inputs: Array, action: Array, stride: Array, target: Array) -> bool:
     is_cut = False
     for i in range(legs.shape[0]):
-        wish = inputs[i] + increment[i]
+        wish = inputs[i] + min(max(action[i], -1.0), 1.0) * stride[i]
         target[i] = min(max(wish, legs[i, LOWER]), legs[i, UPPER])
         is_cut = is_cut or target[i] != wish
     return is_cut

@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.goals import dense_rewards, goal_distances
+from pcm_gym.kernels.goals import score_goals
 from pcm_gym.kernels.transition import wander
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
@@ -15,8 +16,8 @@ from pcm_gym.mechanism.validation import one_of, positive_number
 Array = NDArray[np.float64]
 RewardType = Literal["dense", "sparse"]
 
-# Walks that make a start from home, and how many of the agent's steps each may take at most.
-_START_WALKS, _START_STEPS = 2, 40
+# Walks that make a start from home, how many steps each may take at most, and how many of the agent's each one spans.
+_START_WALKS, _START_STEPS, _START_STRIDE = 2, 10, 4.0
 # Steps of the walk from start to goal.
 _GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 25
 _ATTEMPTS = 8
@@ -53,14 +54,12 @@ class ReachTask:
     reward_type: RewardType = "dense"
     success_distance: float = 0.02
 
-    NEAR = 0.05
-
     def __post_init__(self) -> None:
         one_of("reward_type", self.reward_type, ("dense", "sparse"))
         positive_number("success_distance", self.success_distance)
 
-    @property
-    def arm(self) -> float:
+    @cached_property
+    def _arm(self) -> float:
         """Root mean square distance of the hinges from the end-effector's origin, in mean rod lengths."""
         squares = [x * x + y * y for x, y in (leg.attachment for leg in self.mechanism.legs)]
         return math.sqrt(math.fsum(squares) / len(squares)) / self.mechanism.units.length
@@ -83,36 +82,31 @@ class ReachTask:
             return position
         return np.array([position[0], position[1], math.atan2(goal[3], goal[2])])
 
-    def distances(self, achieved: Array, desired: Array) -> Array:
-        """Return goal distances (n,) in mean rod lengths."""
-        distances = np.empty(len(achieved))
-        goal_distances(achieved, desired, self.arm, distances)
-        return distances
+    @property
+    def tolerance(self) -> float:
+        """Goal distance in mean rod lengths that counts as reached."""
+        return self.success_distance / self.mechanism.units.length
 
-    def rewards(self, distances: Array) -> Array:
-        """Return the rewards (n,) of goal distances (n,)."""
-        if self.reward_type == "sparse":
-            return self.successes(distances).astype(np.float64)
-        rewards = np.empty(len(distances))
-        dense_rewards(distances, self.NEAR, rewards)
-        return rewards
-
-    def successes(self, distances: Array) -> NDArray[np.bool_]:
-        """Return which goal distances (n,) count as reached."""
-        return distances <= self.success_distance / self.mechanism.units.length
+    def score(self, achieved: Array, desired: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return rewards and successes, (n,) each, of achieved for desired goals (n, 2 or 4)."""
+        rewards, distances = score_goals(
+            achieved, desired, self._arm, self.tolerance, self.reward_type == "sparse"
+        )
+        return rewards, distances <= self.tolerance
 
     def sample_episode(
         self, home: Episode, stride: Array, least_margin: float, generator: np.random.Generator
     ) -> Episode:
         """Return a new episode under the load of `home`: a start walked to from home and a goal walked to from there.
 
-        Both walks take the agent's own steps (at most `stride`, dimensionless) over stable states whose margin exceeds
-        `least_margin` three times, so the goal can be reached without cost.
+        The walks keep to stable states whose margin exceeds `least_margin` three times. That to the goal takes steps
+        of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost.
         """
         reserve = _MARGIN_RESERVE * least_margin
         x, inputs = home.x.copy(), home.inputs.copy()
         for _ in range(_START_WALKS):
-            self._walk(x, inputs, home.load, stride, int(generator.integers(_START_STEPS + 1)), reserve, generator)
+            steps = int(generator.integers(_START_STEPS + 1))
+            self._walk(x, inputs, home.load, _START_STRIDE * stride, steps, reserve, generator)
         return self.sample_goal(Episode(x, inputs, home.load, home.goal, inputs), stride, least_margin, generator)
 
     def sample_goal(
@@ -125,7 +119,7 @@ class ReachTask:
             steps = int(generator.integers(_GOAL_STEPS_MIN, _GOAL_STEPS_MAX + 1))
             self._walk(x, witness, start.load, stride, steps, _MARGIN_RESERVE * least_margin, generator)
             goal = self._goal_of(x)
-            if not self.successes(self.distances(goal[None], here[None]))[0]:
+            if not self.score(goal[None], here[None])[1][0]:
                 break
         return Episode(start.x, start.inputs, start.load, goal, witness)
 
