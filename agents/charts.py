@@ -68,7 +68,7 @@ def outcomes(summaries: Sequence[PolicySummary], results: Sequence[EpisodeResult
         errors.axvline(MM_PER_M * success_distance, color="#111827", linestyle="--", linewidth=1.0)
         errors.set(xscale="log", xlabel="final error (mm); dashed: within it a goal counts as reached")
         errors.set_ylabel("share of episodes")
-        errors.legend(loc="upper left")
+        errors.legend(loc="center left", bbox_to_anchor=(0.05, 0.5))
         return _svg(figure)
 
 

@@ -23,7 +23,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     ----------
     num_envs : int
     max_episode_steps : int, optional
-        Steps after which an episode is truncated; never by default.
+        Steps after which an episode is truncated; never by default, or with -1 as for `gymnasium.make`.
     autoreset_mode : AutoresetMode or str
         When an episode that has ended begins anew: in the next step (default), in the same step, or not by itself.
     mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
@@ -46,12 +46,11 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         render_mode: str | None = None,
     ) -> None:
         one_of("render_mode", render_mode, (None,))
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}")
+        one_of("autoreset_mode", autoreset_mode, (*AutoresetMode, *(mode.value for mode in AutoresetMode)))
         settings = Settings.from_arguments(
             mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
         )
-        self.num_envs = num_envs
+        self.num_envs = num_envs = _count("num_envs", num_envs)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
@@ -59,7 +58,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._simulation = Simulation(settings, num_envs)
-        self._max_episode_steps = np.inf if max_episode_steps is None else max_episode_steps
+        is_endless = max_episode_steps is None or max_episode_steps == -1
+        self._max_episode_steps = np.inf if is_endless else _count("max_episode_steps", max_episode_steps)
         self._generators: list[np.random.Generator] = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
@@ -99,6 +99,10 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             observation, infos = self._begin_at_once(outcome, self._ended.copy())
         return observation, outcome.reward, outcome.terminated, truncated, infos
 
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
+        """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
+        return self._simulation.settings.task.compute_reward(achieved_goal, desired_goal)
+
     def _step_and_begin(
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
@@ -109,6 +113,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         stepped = self._simulation.step(actions)
         for array, saved in zip(self._simulation.states, begun_states, strict=True):
             array[waiting] = saved
+        self._simulation.lost[waiting] = False
         outcome = _merged(stepped, begun, waiting)
         self._elapsed[~waiting] += 1
         truncated = ((self._elapsed >= self._max_episode_steps) & ~waiting) | outcome.failed
@@ -160,6 +165,15 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if not np.isfinite(values).all():
             raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)].tolist()}")
         return values
+
+
+def _count(name: str, value: Any) -> int:
+    """Return `value`; raise if it is no whole number, or less than 1."""
+    if not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    if value < 1:
+        raise ValueError(f"{name} must be at least 1, got {value}")
+    return int(value)
 
 
 def _masked(infos: dict[str, Any], mask: Mask) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from pcm_gym.kernels.transition import (
     SINGULAR,
     SINGULARITY_MARGIN,
     SOLVER,
+    STABILITY_FEATURES,
     STABILITY_MARGIN,
     UNSTABLE,
     VERDICT_COLUMNS,
@@ -27,7 +28,7 @@ from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import finite_vector, one_of, positive_number
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium
 from pcm_gym.solving.tracking import EVENTS
-from pcm_gym.tasks import Episode, ReachTask, default_max_action, observation_elements
+from pcm_gym.tasks import Episode, ReachTask, default_max_action, goal_box, observation_elements
 from pcm_gym.tasks.reach import RewardType
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ Mask = NDArray[np.bool_]
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 _INSTABILITY_BEHAVIOURS = ("terminate",)
+# What `reset` takes as an equilibrium may be rounded, not wrong.
+_RESIDUAL_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -80,8 +83,8 @@ class Settings:
         if max_action is None:
             steps = default_max_action(mechanism)
         else:
-            shape = (mechanism.leg_count,)
-            steps = finite_vector("max_action", np.broadcast_to(max_action, shape), mechanism.leg_count)
+            count = mechanism.leg_count
+            steps = finite_vector("max_action", [max_action] * count if np.ndim(max_action) == 0 else max_action, count)
         if not np.all(steps > 0.0):
             raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
         return cls(
@@ -140,7 +143,7 @@ class Outcome(NamedTuple):
 
 
 class Simulation:
-    """The states, goals and last verdicts of `count` mechanisms that step together.
+    """The states and goals of `count` mechanisms that step together, and which of them have lost stability.
 
     Parameters
     ----------
@@ -170,6 +173,7 @@ class Simulation:
         )
         self.goals = np.tile(self._home.goal, (count, 1))
         self.witnesses = np.tile(self._home.inputs, (count, 1))
+        self.lost = np.zeros(count, dtype=np.bool_)
 
     def equilibrium(self, row: int) -> Equilibrium:
         """Return the present equilibrium of one row."""
@@ -196,6 +200,7 @@ class Simulation:
             costs,
             features,
         )
+        self.lost = costs[:, UNSTABLE] > 0.0
         return self._outcome(features, costs, verdicts)
 
     def observe(self) -> Outcome:
@@ -203,18 +208,20 @@ class Simulation:
         verdicts = np.empty((self.count, VERDICT_COLUMNS))
         features = np.empty((self.count, self._feature_count))
         describe_batch(self.settings.mechanism.leg_table, self.states, verdicts, features)
+        features[self.lost, -STABILITY_FEATURES] = 0.0
         return self._outcome(features, np.zeros((self.count, COST_COLUMNS)), verdicts)
 
     def _outcome(self, features: Array, costs: Array, verdicts: Array) -> Outcome:
         task = self.settings.task
         achieved = task.goals_from_features(features)
         rewards, successes = task.score(achieved, self.goals)
+        is_lost = costs[:, UNSTABLE] > 0.0
         return Outcome(
             {"observation": features, "achieved_goal": achieved, "desired_goal": self.goals.copy()},
             rewards,
-            costs[:, UNSTABLE] > 0.0,
+            is_lost,
             costs[:, SOLVER] > 0.0,
-            successes,
+            successes & ~is_lost,
             costs,
             verdicts,
         )
@@ -241,6 +248,7 @@ class Simulation:
         episode = self._sample(options, generator)
         self.states.x[row], self.states.inputs[row], self.states.load[row] = episode.x, episode.inputs, episode.load
         self.goals[row], self.witnesses[row] = episode.goal, episode.witness
+        self.lost[row] = False
 
     def _sample(self, options: Mapping[str, Any], generator: np.random.Generator) -> Episode:
         settings, task = self.settings, self.settings.task
@@ -252,9 +260,16 @@ class Simulation:
             home = self._home_under(options["load"]) if "load" in options else self._home
             episode = task.sample_episode(home, self._stride, margin, generator)
         if "goal" in options:
-            goal = task.goal_from_pose(settings.mechanism.check_pose(options["goal"]))
+            goal = self._goal_from(options["goal"])
             episode = Episode(episode.x, episode.inputs, episode.load, goal, episode.witness)
         return episode
+
+    def _goal_from(self, pose: ArrayLike) -> Array:
+        mechanism = self.settings.mechanism
+        goal = self.settings.task.goal_from_pose(finite_vector("option goal", pose, mechanism.dof))
+        if goal not in goal_box(mechanism):
+            raise ValueError(f"option goal must be a pose within the reach of the rods, got {pose!r}")
+        return goal
 
     def _start_from(self, options: Mapping[str, Any]) -> Episode:
         mechanism = self.settings.mechanism
@@ -265,6 +280,8 @@ class Simulation:
             raise ValueError(f"option equilibrium must be stable, got index {start.index}")
         if not start.within_limits:
             raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
+        if start.residual > _RESIDUAL_TOLERANCE:
+            raise ValueError(f"option equilibrium must be one, got residual {start.residual}")
         load = self.settings.load if "equilibrium" not in options else start.load
         load = mechanism.check_load(options["load"]) if "load" in options else load
         loaded = _tracked(start, start.inputs, load, "load")
@@ -282,6 +299,8 @@ class Simulation:
 
 def _tracked(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
     """Return the equilibrium at `inputs` under `load` on the branch of `start`; raise if the way ends before."""
+    if np.array_equal(inputs, start.inputs) and np.array_equal(load, start.load):
+        return start
     step = BranchTracker(start.mechanism, start).step(inputs, load)
     if step.event is not Event.NONE:
         value = load.tolist() if name == "load" else np.asarray(inputs).tolist()

@@ -177,11 +177,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any
     ) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
-        achieved = np.asarray(achieved_goal, dtype=np.float64)
-        desired = np.asarray(desired_goal, dtype=np.float64)
-        task = self.task
-        rewards, _ = task.score(np.atleast_2d(achieved), np.atleast_2d(desired))
-        return float(rewards[0]) if achieved.ndim == 1 else rewards
+        return self.task.compute_reward(achieved_goal, desired_goal)
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return a picture of the present state, (height, width, 3); None without `render_mode`."""

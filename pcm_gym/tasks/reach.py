@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels.goals import score_goals
 from pcm_gym.kernels.transition import wander
@@ -19,10 +19,11 @@ RewardType = Literal["dense", "sparse"]
 # Walks that make a start from home, how many steps each may take at most, and how many of the agent's each one spans.
 _START_WALKS, _START_STEPS, _START_STRIDE = 2, 10, 4.0
 # Steps of the walk from start to goal.
-_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 25
+_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 20
 _ATTEMPTS = 8
-# Starts and goals keep this many times the margin below which a state counts as nearly singular.
-_MARGIN_RESERVE = 3.0
+# Starts and goals keep this many times the margin below which a state counts as nearly singular, and this many of the
+# agent's steps from the actuators' limits.
+_MARGIN_RESERVE, _LIMIT_RESERVE = 3.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,13 @@ class ReachTask:
         )
         return rewards, distances <= self.tolerance
 
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
+        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
+        achieved = np.asarray(achieved_goal, dtype=np.float64)
+        desired = np.asarray(desired_goal, dtype=np.float64)
+        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
+        return float(rewards[0]) if achieved.ndim == 1 else rewards
+
     def sample_episode(
         self, home: Episode, stride: Array, least_margin: float, generator: np.random.Generator
     ) -> Episode:
@@ -106,7 +114,7 @@ class ReachTask:
         x, inputs = home.x.copy(), home.inputs.copy()
         for _ in range(_START_WALKS):
             steps = int(generator.integers(_START_STEPS + 1))
-            self._walk(x, inputs, home.load, _START_STRIDE * stride, steps, reserve, generator)
+            self._walk(x, inputs, home.load, stride, steps, reserve, generator, pace=_START_STRIDE)
         return self.sample_goal(Episode(x, inputs, home.load, home.goal, inputs), stride, least_margin, generator)
 
     def sample_goal(
@@ -135,11 +143,14 @@ class ReachTask:
         steps: int,
         least_margin: float,
         generator: np.random.Generator,
+        pace: float = 1.0,
     ) -> None:
-        """Walk `steps` strides towards inputs drawn evenly from the whole range, in place."""
+        """Walk `steps` times `pace` strides towards inputs drawn evenly from within the limits, in place."""
         mechanism = self.mechanism
-        target = generator.uniform(mechanism.lower_limits, mechanism.upper_limits) / mechanism.units.inputs
-        wander(mechanism.leg_table, x, inputs, load, target, stride, steps, least_margin)
+        lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
+        reserve = np.minimum(_LIMIT_RESERVE * stride, 0.25 * (upper - lower))
+        target = generator.uniform(lower + reserve, upper - reserve)
+        wander(mechanism.leg_table, x, inputs, load, target, pace * stride, steps, least_margin)
 
 
 def default_max_action(mechanism: Mechanism) -> Array:

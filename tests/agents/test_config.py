@@ -38,6 +38,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path, text: str, v
         ({"name": "../x"}, "name: .* match pattern"),
         ({"environment": {"id": "E", "kwarg": {}}}, r"environment\.kwarg: Extra inputs"),
         ({"hindsight": {}}, "hindsight needs a replay buffer, which PPO does not have"),
+        ({"algorithm": "SAC", "hindsight": {}, "cost_weight": 1.0}, "cost_weight must be 0"),
         ({"hyperparameters": {"device": "cpu", "env": 1}}, "set elsewhere in the configuration: device, env"),
         ({"evaluation": {"seed": 10}}, "seeds of the evaluation .* include seeds of the training"),
     ],

@@ -8,9 +8,10 @@ import pytest
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.her import HerReplayBuffer
-from torch import nn
+from torch import as_tensor, nn
 
 from agents.config import ConfigError, ExperimentConfig, parse_config
+from agents.features import GoalErrorFeatures
 from agents.learning import algorithm_arguments, load_learner, load_policy, make_training_env, new_learner, save_learner
 from agents.runs import MODEL
 
@@ -25,13 +26,17 @@ def experiment(**changes: Any) -> ExperimentConfig:
 def test_plain_data_become_arguments() -> None:
     hyperparameters = {
         "learning_rate": {"start": 1e-3, "end": 0.0},
-        "policy_kwargs": {"activation_fn": "tanh", "net_arch": [8]},
+        "policy_kwargs": {"activation_fn": "tanh", "features_extractor_class": "goal_error", "net_arch": [8]},
         "action_noise": {"sigma": 0.1},
     }
     arguments = algorithm_arguments(experiment(algorithm="TD3", hyperparameters=hyperparameters, hindsight={}), 2)
     assert isinstance(arguments["learning_rate"], LinearSchedule)
     assert arguments["learning_rate"](0.5) == pytest.approx(5e-4)
-    assert arguments["policy_kwargs"] == {"activation_fn": nn.Tanh, "net_arch": [8]}
+    assert arguments["policy_kwargs"] == {
+        "activation_fn": nn.Tanh,
+        "features_extractor_class": GoalErrorFeatures,
+        "net_arch": [8],
+    }
     assert isinstance(arguments["action_noise"], NormalActionNoise)
     assert arguments["replay_buffer_class"] is HerReplayBuffer
 
@@ -42,11 +47,33 @@ def test_plain_data_become_arguments() -> None:
         ({"gama": 0.9, "n_stps": 1}, "unknown to PPO: gama, n_stps"),
         ({"learning_rate": {"begin": 1.0}}, "learning_rate: a schedule has the entries start and end"),
         ({"policy_kwargs": {"activation_fn": "tan"}}, "'tan' is none of tanh, relu"),
+        ({"policy_kwargs": {"features_extractor_class": "goal"}}, "'goal' is none of goal_error"),
     ],
 )
 def test_unusable_hyperparameter_is_named(hyperparameters: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         new_learner(experiment(hyperparameters=hyperparameters))
+
+
+def test_goal_error_features_hold_the_error_coarse_and_fine() -> None:
+    env = make_training_env(experiment())
+    extractor = GoalErrorFeatures(env.observation_space, fine=0.1)
+    observations = {key: np.zeros((2, *space.shape), np.float32) for key, space in env.observation_space.items()}
+    observations["desired_goal"][0] = [0.3, 0.4]
+    features = extractor({key: as_tensor(value) for key, value in observations.items()}).numpy()
+    assert features.shape == (2, extractor.features_dim)
+    np.testing.assert_allclose(features[0, -6:], [0.3, 0.4, 0.3, 0.4, 0.5, 2.0 / 3.0], rtol=1e-6)
+    np.testing.assert_array_equal(features[1, -6:], np.zeros(6))
+
+
+def test_goals_are_not_normalised() -> None:
+    env = new_learner(experiment()).get_env()
+    assert env is not None
+    env.seed(0)
+    observations = env.reset()
+    original = env.get_original_obs()  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(observations["desired_goal"], original["desired_goal"])
+    assert (observations["observation"] != original["observation"]).any()
 
 
 def test_training_episodes_end_by_time_as_truncations() -> None:

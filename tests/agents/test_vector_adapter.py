@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import VecMonitor
 
-from agents.vector_adapter import NativeVecEnv, split_infos
+from agents.vector_adapter import CostPenalty, NativeVecEnv, split_infos
 
 TIME_LIMIT = 3
 STAY, TERMINATE = np.array([0.0]), np.array([1.0])
@@ -101,6 +101,14 @@ def test_monitor_counts_episodes_and_keeps_keywords() -> None:
     _, _, _, infos = step_all(monitored, STAY, TERMINATE)
     assert (infos[1]["episode"]["l"], infos[1]["episode"]["r"], infos[1]["episode"]["is_success"]) == (2, 2.0, True)
     assert "episode" not in infos[0]
+
+
+def test_penalty_takes_the_weighted_cost_from_the_reward_alone() -> None:
+    penalised = CostPenalty(NativeVecEnv(make_batch(2)), weight=2.0)
+    penalised.reset()
+    _, rewards, _, infos = step_all(penalised, STAY, TERMINATE)
+    np.testing.assert_array_equal(rewards, np.array([0.5, 0.5], dtype=np.float32))
+    assert [info["cost"] for info in infos] == [0.25, 0.25]
 
 
 def test_seed_and_options_hold_for_one_reset(adapter: NativeVecEnv) -> None:

@@ -16,10 +16,9 @@ from mpmath import mp, mpf
 from tests.reference.precise_rod import rod_by_elliptic_functions, rod_by_taylor_series
 
 PATH = Path(__file__).with_name("rod_reference.csv")
-COLUMNS = (
-    ["g_x", "g_y", "tip_x", "tip_y", "force_x", "force_y", "energy"]
-    + [f"{value}_{by}" for value in ("tip_x", "tip_y", "force_x", "force_y") for by in ("gx", "gy")]
-)
+COLUMNS = ["g_x", "g_y", "tip_x", "tip_y", "force_x", "force_y", "energy"] + [
+    f"{value}_{by}" for value in ("tip_x", "tip_y", "force_x", "force_y") for by in ("gx", "gy")
+]
 DIGITS = 90
 STEP = mpf(10) ** -22
 

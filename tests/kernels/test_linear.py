@@ -40,7 +40,9 @@ def test_solution_agrees_with_lapack(system: tuple[np.ndarray, np.ndarray]) -> N
     solution = right.copy()
     assert solve_linear(matrix.copy(), solution, len(right))
     expected = np.linalg.solve(matrix, right)
-    np.testing.assert_allclose(solution, expected, rtol=0.0, atol=100.0 * EPS * condition * (np.abs(expected).max() + 1e-12))
+    np.testing.assert_allclose(
+        solution, expected, rtol=0.0, atol=100.0 * EPS * condition * (np.abs(expected).max() + 1e-12)
+    )
 
 
 @given(system=systems())

@@ -160,7 +160,7 @@ class TestTruss:
         assert (discrete.eigenvalues(z, inputs, load) < 0.0).sum() == index
 
     def test_index_changes_at_the_critical_load(self) -> None:
-        """A straight rod is judged 1e-5 beside the pole of its stiffness, so its critical load is known to about that."""
+        """A straight rod is judged 1e-5 beside its pole, so its critical load is known to about that."""
         for critical in self.CLAMPED_PINNED:
             below, above = self.truss((critical * (1 - 3e-5), 0.0)), self.truss((critical * (1 + 3e-5), 0.0))
             assert above.index == below.index + 1

@@ -62,7 +62,7 @@ class DiscreteEnergy:
         self.size = self.free + 2 * mechanism.leg_count
 
     def start(self, equilibrium: Equilibrium) -> Array:
-        """Return z near an equilibrium: its rods' loads, integrated, projected on the polynomials; forces from there."""
+        """Return z near an equilibrium: its rods' loads integrated and projected on the polynomials."""
         z = np.zeros(self.size)
         s, w, _ = _basis()
         curvatures = _curvatures()
@@ -70,7 +70,9 @@ class DiscreteEnergy:
             g_x, g_y = equilibrium.state[2 * i : 2 * i + 2]
             angle = integrate_rod(float(g_x), float(g_y), 1e-9).angle
             step = 1e-4  # fourth-order difference of a smooth function, only a start
-            slope = (8.0 * (angle(s + step) - angle(s - step)) - angle(s + 2 * step) + angle(s - 2 * step)) / (12.0 * step)
+            slope = (8.0 * (angle(s + step) - angle(s - step)) - angle(s + 2 * step) + angle(s - 2 * step)) / (
+                12.0 * step
+            )
             z[i * POLYNOMIALS : (i + 1) * POLYNOMIALS] = curvatures.T @ (w * slope)
             z[self.free + 2 * i : self.free + 2 * i + 2] = -equilibrium.rods[i].force
         z[self.rods : self.free] = equilibrium.pose

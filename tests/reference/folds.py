@@ -20,7 +20,9 @@ def _tangent(jacobian: Array, towards: Array) -> Array:
     return vector / np.linalg.norm(vector)
 
 
-def _correct(residual: Function, jacobian: Function, z: Array, tangent: Array, arc: float, scale: Array) -> Array | None:
+def _correct(
+    residual: Function, jacobian: Function, z: Array, tangent: Array, arc: float, scale: Array
+) -> Array | None:
     """Return the point of the curve on the plane at `arc` along `tangent` from z, or None; all in scaled unknowns."""
     start, found = z / scale, z / scale + arc * tangent
     for _ in range(_NEWTON_STEPS):
@@ -46,7 +48,7 @@ def first_fold(
     step: float,
     scale: Array | None = None,
 ) -> tuple[float, Array] | None:
-    """Return (parameter, z) at the first fold on the way from `start` to the parameter `limit`, or None if there is none.
+    """Return (parameter, z) at the first fold on the way from `start` to the parameter `limit`, or None.
 
     `direction` is the sign with which the parameter, the last unknown, leaves. The fold is where its rate along the
     arc vanishes; found by bisection, its parameter is exact to the square of the arc's error.

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.equilibrium import search_forward
+from pcm_gym.kernels.closure import TIP_X, TIP_Y, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.rod import rod
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
@@ -66,20 +66,36 @@ def random_states(mechanism: Mechanism, rng: np.random.Generator, count: int, rh
     return states
 
 
+_SEARCH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40)
+
+
+@kernel
+def newton_from_all(legs: Array, inputs: Array, load: Array, states: Array) -> Array:
+    """Correct each state (m, size) in place, its pose taken from its rods' tips; return which converged, (m,) bools."""
+    leg_count, size = legs.shape[0], states.shape[1]
+    pose, work = 2 * leg_count, make_workspace(leg_count, size)
+    converged = np.zeros(states.shape[0], dtype=np.bool_)
+    for n in range(states.shape[0]):
+        x = states[n]
+        set_inputs(legs, inputs, work)
+        evaluate_rods(legs, x, work)
+        x[pose : pose + 2] = 0.0
+        for i in range(leg_count):
+            x[pose] += (work.clamps[i, 0] + work.rods[i, TIP_X]) / leg_count
+            x[pose + 1] += (work.clamps[i, 1] + work.rods[i, TIP_Y]) / leg_count
+        converged[n] = solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED
+    return converged
+
+
 def find_equilibria(
     mechanism: Mechanism, inputs: Array, load: Array, rng: np.random.Generator, starts: int = 200, rho_max: float = 8.0
 ) -> list[Equilibrium]:
     """Return different equilibria with every rho <= rho_max; some, not all."""
     units = mechanism.units
-    found = np.empty((starts, mechanism.state_size))
-    count = search_forward(
-        mechanism.leg_table,
-        inputs / units.inputs,
-        load / units.load,
-        random_states(mechanism, rng, starts, rho_max),
-        found,
-    )
-    _, keep = np.unique(np.round(found[:count, 2 * mechanism.leg_count :], 5), axis=0, return_index=True)
+    states = random_states(mechanism, rng, starts, rho_max)
+    converged = newton_from_all(np.array(mechanism.leg_table), inputs / units.inputs, load / units.load, states)
+    found = states[converged]
+    _, keep = np.unique(np.round(found[:, 2 * mechanism.leg_count :], 5), axis=0, return_index=True)
     equilibria = [Equilibrium(mechanism, found[i], inputs, load) for i in sorted(keep)]
     return [e for e in equilibria if max(rod.rho for rod in e.rods) <= rho_max]
 
@@ -92,7 +108,7 @@ HOME_RHOS = {"2RFR": (0.5, 2.0), "2PFR": (0.5, 2.0), "3PFR": (6.3, 6.42)}
 def home_by_construction(name: str) -> Equilibrium:
     """Return the home of a catalogued mechanism: each rod from clamp to hinge at the known pose, then Newton.
 
-    Of all loads whose rod ends at the hinge, to the digits that the pose is given in, the one in the known range of rho.
+    Of the loads in the known range of rho, the one whose rod ends nearest to the hinge.
     """
     mechanism = get_mechanism(name)
     pose, units = np.array(HOME_POSES[name]), mechanism.units

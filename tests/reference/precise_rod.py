@@ -1,4 +1,4 @@
-"""One rod in multiple precision, two ways that share nothing: elliptic functions of mpmath, and Taylor series of the ODE.
+"""One rod in multiple precision, two ways that share nothing: mpmath's elliptic functions, and Taylor series.
 
 Both take the load seen from the tip, g = rho^2 (cos b, -sin b), at its exact double value, and return tip, tip force
 (clamp's frame) and bending energy, in units of L, EI/L^2 and EI/L.
@@ -26,7 +26,7 @@ def _extra_digits(m1: mpf) -> int:
 
 
 def jacobi(u: mpf, m: mpf, m1: mpf) -> tuple[mpf, mpf, mpf, mpf, mpf]:
-    """Return sn, cn, dn, E(u) and K of the parameter m = 1 - m1, from mpmath's theta functions and elliptic integrals."""
+    """Return sn, cn, dn, E(u) and K of the parameter m = 1 - m1, from mpmath's theta functions and integrals."""
     if m1 == 0:
         return mpmath.tanh(u), mpmath.sech(u), mpmath.sech(u), mpmath.tanh(u), mpf("inf")
     with mp.workdps(mp.dps + _extra_digits(m1)):
