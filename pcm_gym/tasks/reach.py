@@ -19,11 +19,11 @@ RewardType = Literal["dense", "sparse"]
 # Walks that make a start from home, how many steps each may take at most, and how many of the agent's each one spans.
 _START_WALKS, _START_STEPS, _START_STRIDE = 2, 10, 4.0
 # Steps of the walk from start to goal.
-_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 20
+_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 15
 _ATTEMPTS = 8
 # Starts and goals keep this many times the margin below which a state counts as nearly singular, and this many of the
 # agent's steps from the actuators' limits.
-_MARGIN_RESERVE, _LIMIT_RESERVE = 3.0, 2.0
+_MARGIN_RESERVE, _LIMIT_RESERVE = 10.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class ReachTask:
     ) -> Episode:
         """Return a new episode under the load of `home`: a start walked to from home and a goal walked to from there.
 
-        The walks keep to stable states whose margin exceeds `least_margin` three times. That to the goal takes steps
+        The walks keep to stable states whose margin exceeds `least_margin` ten times. That to the goal takes steps
         of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost.
         """
         reserve = _MARGIN_RESERVE * least_margin

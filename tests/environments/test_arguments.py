@@ -93,7 +93,7 @@ def other_home() -> Equilibrium:
 def unstable_state(env: MechanismEnv) -> Equilibrium:
     """An equilibrium at home's inputs whose rods are in higher buckling modes."""
     home = pcm_gym.home_equilibrium(env.mechanism)
-    found = find_equilibria(env.mechanism, home.inputs, home.load, np.random.default_rng(0))
+    found = find_equilibria(env.mechanism, home.inputs, home.load, np.random.default_rng(0), starts=3000)
     return next(equilibrium for equilibrium in found if not equilibrium.is_stable)
 
 

@@ -97,7 +97,7 @@ def test_deficit_keeps_its_digits_as_the_modulus_vanishes(values: tuple[np.ndarr
     truncation = np.where(k < 1e-5, k**2, 0.0)
     error = (np.abs(found - reference)[:, 3] / (k**2 * u + 1e-300) - truncation)[known]
     worst = int(np.argmax(error))
-    assert error[worst] <= 2e-15, f"u - E at u, k, k_c = {np.array(GRID)[known][worst]}"
+    assert error[worst] <= 5e-15, f"u - E at u, k, k_c = {np.array(GRID)[known][worst]}"
     assert np.all(np.abs(found[~known, 3]) <= 1e-58)
 
 

@@ -1,0 +1,89 @@
+"""Compiling says what it does, once, and is done anew after every change of a kernel."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pcm_gym.kernels import compilation
+
+ROOT = Path(__file__).parents[2]
+KERNEL_FILES = sorted(path.name for path in (ROOT / "pcm_gym" / "kernels").glob("*.py"))
+COMPILE_ONE = "from pcm_gym.kernels.elliptic import quarter_period; print(quarter_period(1.0))"
+
+
+def run(cache: Path, folder: Path = ROOT, code: str = COMPILE_ONE, **variables: str) -> tuple[str, str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), **variables}
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True, check=True
+    )
+    return result.stdout, result.stderr
+
+
+def test_first_compilation_is_announced_on_standard_error_and_no_other(tmp_path: Path) -> None:
+    first, second = run(tmp_path), run(tmp_path)
+    assert first[0] == second[0] == "1.5707963267948966\n"
+    assert first[1].startswith("pcm_gym: compiling the kernels")
+    assert first[1].count("\n") == 1
+    assert str(tmp_path) in first[1]
+    assert second[1] == ""
+
+
+def test_nothing_is_announced_without_compilation(tmp_path: Path) -> None:
+    assert run(tmp_path, NUMBA_DISABLE_JIT="1") == ("1.5707963267948966\n", "")
+    assert run(tmp_path, code="import pcm_gym") == ("", "")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_change_of_a_called_kernel_is_never_missed(tmp_path: Path) -> None:
+    """Numba's own cache looks at the file of the caller alone."""
+    package = tmp_path / "pcm_gym" / "kernels"
+    package.mkdir(parents=True)
+    (tmp_path / "pcm_gym" / "__init__.py").touch()
+    (package / "__init__.py").touch()
+    shutil.copy(ROOT / "pcm_gym" / "kernels" / "compilation.py", package)
+    header = "from pcm_gym.kernels.compilation import kernel\n"
+    caller = "from pcm_gym.kernels.below import below\n\n\n@kernel\ndef above(x):\n    return 10.0 * below(x)\n"
+    (package / "above.py").write_text(header + caller)
+    for factor in (2.0, 3.0):
+        (package / "below.py").write_text(f"{header}\n\n@kernel\ndef below(x):\n    return {factor} * x\n")
+        printed, _ = run(tmp_path / "cache", tmp_path, "from pcm_gym.kernels.above import above; print(above(1.0))")
+        assert float(printed) == 10.0 * factor
+
+
+@pytest.fixture
+def copied_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "kernels"
+    shutil.copytree(ROOT / "pcm_gym" / "kernels", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(compilation, "_KERNEL_FOLDER", folder)
+    return folder
+
+
+def test_digest_depends_on_every_kernel_file(copied_kernels: Path) -> None:
+    digests = {compilation.source_digest()}
+    assert digests == {compilation.source_digest()}
+    for name in KERNEL_FILES:
+        path = copied_kernels / name
+        path.write_text(path.read_text() + "# \n")
+        digests.add(compilation.source_digest())
+    (copied_kernels / "another.py").touch()
+    digests.add(compilation.source_digest())
+    (copied_kernels / "another.py").rename(copied_kernels / "renamed.py")
+    digests.add(compilation.source_digest())
+    assert len(digests) == len(KERNEL_FILES) + 3
+
+
+def test_digest_depends_on_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = compilation.source_digest()
+    monkeypatch.setattr(compilation.numba, "__version__", "0.0")
+    assert compilation.source_digest() != before
+
+
+def test_cache_folder_carries_the_digest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert compilation.cache_folder() == tmp_path / f"kernels-{compilation.source_digest()}"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert compilation.cache_folder().parent.name == "pcm_gym"
