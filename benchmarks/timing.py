@@ -24,7 +24,9 @@ class Summary:
         return asdict(self)
 
 
-def interleave(measures: Mapping[str, Measure], repeats: int, progress: Callable[[], Any]) -> dict[str, dict[str, Summary]]:
+def interleave(
+    measures: Mapping[str, Measure], repeats: int, progress: Callable[[], Any]
+) -> dict[str, dict[str, Summary]]:
     """Measure A B C A B C ..., so that whatever else the machine does falls on all alike.
 
     Returns

@@ -6,9 +6,11 @@ Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Rea
 from pcm_gym.environments import environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, RodState, TrackedStep, home_equilibrium
+from pcm_gym.tasks import Element, observation_elements
 
 __all__ = [
     "BranchTracker",
+    "Element",
     "Equilibrium",
     "Event",
     "Leg",
@@ -22,6 +24,7 @@ __all__ = [
     "get_mechanism",
     "home_equilibrium",
     "mechanism_names",
+    "observation_elements",
 ]
 
 register_environments()

@@ -77,9 +77,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         outcome = self._simulation.observe()
         return outcome.observation, _masked(outcome.infos(), mask)
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Step every environment; what happens to those that have ended is up to the autoreset mode."""
         values = self._checked_actions(actions)
         waiting = self._ended.copy()

@@ -84,7 +84,9 @@ class Settings:
             steps = default_max_action(mechanism)
         else:
             count = mechanism.leg_count
-            steps = finite_vector("max_action", [max_action] * count if np.ndim(max_action) == 0 else max_action, count)
+            steps = finite_vector(
+                "max_action", np.full(count, max_action) if np.ndim(max_action) == 0 else max_action, count
+            )
         if not np.all(steps > 0.0):
             raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
         return cls(

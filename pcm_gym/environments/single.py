@@ -23,7 +23,7 @@ RENDER_FPS = 20
 _TRAIL_LENGTH = 100
 
 
-def single_spaces(mechanism: Mechanism) -> tuple[spaces.Dict, spaces.Box]:
+def single_spaces(mechanism: Mechanism) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
     """Return observation and action space of one environment."""
     observation_space = spaces.Dict(
         {
@@ -136,7 +136,8 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     @property
     def witness(self) -> Array:
         """Inputs that reach the goal, (legs,), rad or m; not observed."""
-        return self._simulation.witnesses[0] * self.mechanism.units.inputs
+        witness: Array = self._simulation.witnesses[0] * self.mechanism.units.inputs
+        return witness
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -157,9 +158,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         outcome = self._simulation.observe()
         return self._observation(outcome), outcome.row_info(0)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move the inputs by `action` times `max_action` along the present branch of equilibria."""
         outcome = self._simulation.step(self._checked(action))
         self._stability_lost = bool(outcome.terminated[0])
@@ -173,13 +172,11 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             outcome.row_info(0),
         )
 
-    def compute_reward(
-        self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any
-    ) -> Any:
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
         return self.task.compute_reward(achieved_goal, desired_goal)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the present state, (height, width, 3); None without `render_mode`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to make().")

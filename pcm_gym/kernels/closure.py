@@ -27,7 +27,8 @@ LEG_COLUMNS = 12
 
 # Columns of the rod table: tip from base and tip force, world frame; their derivatives by g (row by row); the rod's own
 # index and mode; its arm Rot(phi) c, from the end-effector's origin to the hinge.
-TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G, DEAD_LOAD_INDEX, HALF_PERIODS, ARM_X, ARM_Y = 0, 1, 2, 3, 4, 8, *range(12, 16)
+TIP_X, TIP_Y, FORCE_X, FORCE_Y, TIP_G, FORCE_G = 0, 1, 2, 3, 4, 8
+DEAD_LOAD_INDEX, HALF_PERIODS, ARM_X, ARM_Y = range(12, 16)
 _ROD_COLUMNS = 16
 
 # Nearer than this to a pole of its stiffness a rod is not condensed: rounding errors of its tip would come back as

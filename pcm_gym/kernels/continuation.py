@@ -217,9 +217,7 @@ def _follow(legs: Array, x: Array, line: Line, start: float, reach: float, work:
 
 
 @kernel
-def _step_naturally(
-    legs: Array, x: Array, line: Line, start: float, end: float, index: int, work: Workspace
-) -> bool:
+def _step_naturally(legs: Array, x: Array, line: Line, start: float, end: float, index: int, work: Workspace) -> bool:
     """Try to put the state at fraction `end` into `line.x`; return whether it is surely on the same branch."""
     for j in range(x.shape[0]):
         line.x[j] = x[j] + (end - start) * line.tangent[j]
@@ -318,7 +316,7 @@ def _correct_on_plane(
     size = x.shape[0]
     for j in range(size):
         line.x[j] = x[j] + arc * line.tangent[j]
-    trial = fraction + arc * line.tangent[size]
+    trial = fraction + arc * float(line.tangent[size])
     previous = math.inf
     for iteration in range(_STEP_RULES.iterations):
         _go_to(legs, line, trial, work)
@@ -339,7 +337,7 @@ def _correct_on_plane(
         if not correction <= max(_STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
             return False, trial
         line.x[:] += work.step
-        trial += work.vector[size]
+        trial += float(work.vector[size])
         if is_last(correction, previous):
             _go_to(legs, line, trial, work)
             evaluate_rods(legs, line.x, work)
@@ -419,16 +417,14 @@ def _step_onto(
 
 
 @kernel
-def _locate_fold(
-    legs: Array, x: Array, line: Line, fraction: float, arc: float, index: int, work: Workspace
-) -> float:
+def _locate_fold(legs: Array, x: Array, line: Line, fraction: float, arc: float, index: int, work: Workspace) -> float:
     """Find the fold within `arc` of (x, fraction); put the last state before it into `x`, return its fraction.
 
     ds/darc changes its sign at the fold; s is quadratic there, so its error is that of ds/darc times that of arc.
     """
     size = x.shape[0]
-    low, low_rate, low_fraction = 0.0, line.tangent[size], fraction
-    high, high_rate = arc, line.trial_tangent[size]
+    low, low_rate, low_fraction = 0.0, float(line.tangent[size]), fraction
+    high, high_rate = arc, float(line.trial_tangent[size])
     line.x_low[:] = x
     for iteration in range(_MOST_FOLD_STEPS):
         if (high - low) * max(low_rate, -high_rate) < _FOLD_TOLERANCE:
@@ -439,7 +435,7 @@ def _locate_fold(
         middle = low + min(max(part, 0.01), 0.99) * (high - low)
         found, end = _correct_on_plane(legs, x, fraction, middle, line, work)
         found = found and _set_arc_tangent(legs, line.x, line, work, line.trial_tangent)
-        rate = line.trial_tangent[size]
+        rate = float(line.trial_tangent[size])
         if found and rate > 0.0 and assess_stability(legs, line.x, work).morse_index == index:
             low, low_rate, low_fraction = middle, rate, end
             line.x_low[:] = line.x

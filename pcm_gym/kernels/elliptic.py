@@ -1,7 +1,8 @@
 """Jacobi's elliptic functions and epsilon function, together, in one Landen recursion.
 
 Sources: DLMF 22.7(i) (descending Landen transformation of sn, cn, dn) and 22.10(ii) (expansion at k = 1); the steps of
-the epsilon function are the integrals of those of dn^2. Symbols: modulus k, complementary modulus k_c with k^2 + k_c^2 = 1, quarter period K.
+the epsilon function are the integrals of those of dn^2. Symbols: modulus k, complementary modulus k_c with
+k^2 + k_c^2 = 1, quarter period K.
 """
 
 import math

@@ -122,7 +122,7 @@ def search_forward(legs: Array, inputs: Array, load: Array, poses: Array, table:
     At each pose every combination of rods that reach their hinges is a start for Newton's method on the whole
     mechanism. An equilibrium may be found often, or never.
     """
-    leg_count, dof = legs.shape[0], poses.shape[1]
+    leg_count = legs.shape[0]
     work = make_workspace(leg_count, found.shape[1])
     set_inputs(legs, inputs, work)
     rods = np.zeros((leg_count, _MOST_RODS, 2))
@@ -144,7 +144,9 @@ def search_forward(legs: Array, inputs: Array, load: Array, poses: Array, table:
 
 
 @kernel
-def _find_rods_at_hinges(legs: Array, pose: Array, table: Array, rods: Array, counts: Array, work: Workspace) -> None:
+def _find_rods_at_hinges(
+    legs: Array, pose: Array, table: Array, rods: Array, counts: NDArray[np.int64], work: Workspace
+) -> None:
     """Fill `rods` (legs, m, 2) with the loads of each leg's rods that reach its hinge at this pose."""
     turn_c, turn_s = 1.0, 0.0
     if pose.shape[0] == 3:

@@ -71,7 +71,9 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
 
 
 @kernel
-def solve_forward_locally(legs: Array, inputs: Array, load: Array, x: Array, rules: NewtonRules, work: Workspace) -> int:
+def solve_forward_locally(
+    legs: Array, inputs: Array, load: Array, x: Array, rules: NewtonRules, work: Workspace
+) -> int:
     """Correct `x` in place to the equilibrium near it at these inputs; return a status.
 
     The rod table belongs to the state before the last correction.
@@ -97,7 +99,9 @@ def solve_forward_locally(legs: Array, inputs: Array, load: Array, x: Array, rul
 
 
 @kernel
-def solve_inverse_locally(legs: Array, inputs: Array, load: Array, x: Array, rules: NewtonRules, work: Workspace) -> int:
+def solve_inverse_locally(
+    legs: Array, inputs: Array, load: Array, x: Array, rules: NewtonRules, work: Workspace
+) -> int:
     """Correct the rods in `x` and `inputs`, both in place, to the equilibrium near them at the pose in `x`."""
     pose, size = 2 * legs.shape[0], x.shape[0]
     previous = math.inf

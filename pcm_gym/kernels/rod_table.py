@@ -63,7 +63,7 @@ def _may_hold(table: Array, i: int, j: int, column: int, value: float) -> bool:
     third, fourth = table[i, j + 1, column], table[i + 1, j + 1, column]
     low, high = min(first, second, third, fourth), max(first, second, third, fourth)
     margin = _WIDENING * (high - low)
-    return low - margin <= value <= high + margin
+    return bool(low - margin <= value <= high + margin)
 
 
 @kernel

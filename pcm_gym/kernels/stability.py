@@ -54,9 +54,7 @@ def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
     else:
         first, second, third = eigenvalues_3(matrix)
     index += (1 if first < 0.0 else 0) + (1 if second < 0.0 else 0) + (1 if third < 0.0 else 0)
-    return Stability(
-        index, min(first, second, third), min(abs(first), abs(second), abs(third)), matrix
-    )
+    return Stability(index, min(first, second, third), min(abs(first), abs(second), abs(third)), matrix)
 
 
 @kernel

@@ -59,7 +59,9 @@ class States(NamedTuple):
 
 
 @kernel
-def set_features(legs: Array, x: Array, inputs: Array, tracked: Tracked, is_lost: bool, work: Workspace, out: Array) -> None:
+def set_features(
+    legs: Array, x: Array, inputs: Array, tracked: Tracked, is_lost: bool, work: Workspace, out: Array
+) -> None:
     """Fill `out` with the features of a state at the rod table: pose, inputs, rods, stability."""
     pose, n = 2 * legs.shape[0], 0
     out[0], out[1] = x[pose], x[pose + 1]

@@ -22,9 +22,7 @@ class Rod:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", positive_number("length", self.length))
-        object.__setattr__(
-            self, "bending_stiffness", positive_number("bending_stiffness", self.bending_stiffness)
-        )
+        object.__setattr__(self, "bending_stiffness", positive_number("bending_stiffness", self.bending_stiffness))
 
 
 @dataclass(frozen=True)

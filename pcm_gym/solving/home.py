@@ -60,7 +60,7 @@ def _search(mechanism: Mechanism, inputs: Array, load: Array) -> list[Equilibriu
 def _start_poses(mechanism: Mechanism) -> Array:
     if mechanism.home_pose is not None:
         return np.array([mechanism.home_pose]) / mechanism.units.pose
-    unit = 2.0 * qmc.Sobol(mechanism.dof, seed=0).random(_POSE_COUNT) - 1.0
+    unit: Array = 2.0 * qmc.Sobol(mechanism.dof, seed=0).random(_POSE_COUNT) - 1.0
     unit[:, :2] += np.mean([leg.actuator.base for leg in mechanism.legs], axis=0) / mechanism.units.length
     unit[:, 2:] *= np.pi
     return unit

@@ -90,9 +90,7 @@ class ReachTask:
 
     def score(self, achieved: Array, desired: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return rewards and successes, (n,) each, of achieved for desired goals (n, 2 or 4)."""
-        rewards, distances = score_goals(
-            achieved, desired, self._arm, self.tolerance, self.reward_type == "sparse"
-        )
+        rewards, distances = score_goals(achieved, desired, self._arm, self.tolerance, self.reward_type == "sparse")
         return rewards, distances <= self.tolerance
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:

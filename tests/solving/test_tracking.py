@@ -62,7 +62,13 @@ def lines_to_follow(seed: int = 16) -> list[tuple[Equilibrium, np.ndarray, np.nd
             inputs = start.inputs + reach * rng.uniform(-1.0, 1.0, mechanism.leg_count)
             if np.any(inputs < mechanism.lower_limits) or np.any(inputs > mechanism.upper_limits):
                 continue
-            lines.append((start, inputs, rng.uniform(-1.0, 1.0, mechanism.dof) * (12.0 if family == "3PFR" else 40.0) * mechanism.units.load))
+            lines.append(
+                (
+                    start,
+                    inputs,
+                    rng.uniform(-1.0, 1.0, mechanism.dof) * (12.0 if family == "3PFR" else 40.0) * mechanism.units.load,
+                )
+            )
     return lines
 
 

@@ -103,9 +103,7 @@ def test_starts_and_goals_are_stable_apart_and_within_the_limits(name: str) -> N
 
 def test_default_steps_suit_the_actuator() -> None:
     assert default_max_action(get_mechanism("2RFR")).tolist() == [0.1, 0.1]
-    legs = tuple(
-        pcm_gym.Leg(pcm_gym.Prismatic((x, 0.0), 1.57, 1.57), pcm_gym.Rod(length=2.0)) for x in (-0.4, 0.4)
-    )
+    legs = tuple(pcm_gym.Leg(pcm_gym.Prismatic((x, 0.0), 1.57, 1.57), pcm_gym.Rod(length=2.0)) for x in (-0.4, 0.4))
     assert default_max_action(pcm_gym.Mechanism("long", legs)) == pytest.approx([0.06, 0.06])
 
 

@@ -1,0 +1,42 @@
+"""The benchmarks measure, in turn, what is there, and say what is not. No time is asserted."""
+
+import gymnasium
+import pytest
+
+import pcm_gym
+from benchmarks import single
+from benchmarks.batch import batch_throughput, step_parts
+from benchmarks.machine import describe_machine
+from benchmarks.timing import Summary, interleave
+
+
+def test_measurements_take_turns_and_are_summarised() -> None:
+    order = []
+
+    def measure(name: str) -> dict[str, float]:
+        order.append(name)
+        return {"value": float(len(order))}
+
+    found = interleave({"a": lambda: measure("a"), "b": lambda: measure("b")}, 3, lambda: None)
+    assert "".join(order) == "ababab"
+    assert found["a"]["value"] == Summary(median=3.0, least=1.0, most=5.0)
+
+
+def test_absent_peers_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(single, "PEERS", ("Pendulum-v1", "NoSuchPeer-v1"))
+    environments, absent = single.make_all()
+    assert list(environments) == [*pcm_gym.environment_ids(), "Pendulum-v1"]
+    assert list(absent) == ["NoSuchPeer-v1"]
+    assert "NoSuchPeer" in absent["NoSuchPeer-v1"]
+
+
+def test_everything_measured_is_positive() -> None:
+    environment_id = pcm_gym.environment_ids()[0]
+    measures = [
+        single.throughput(gymnasium.make(environment_id), 0.01),
+        batch_throughput(environment_id, 4, 0.01),
+        step_parts(environment_id),
+    ]
+    for measure in measures:
+        assert all(value > 0.0 for value in measure().values())
+    assert all(describe_machine().values())
