@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.timing import Summary
@@ -38,7 +39,7 @@ def print_single(console: Console, single: Summaries, absent: Mapping[str, str],
         )
     for name, reason in absent.items():
         table.add_row(name, "absent")
-        console.print(f"[dim]{name} is absent: {reason}[/dim]", highlight=False)
+        console.print(f"[dim]{name} is absent: {escape(reason)}[/dim]", highlight=False)
     console.print(table)
 
 

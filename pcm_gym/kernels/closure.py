@@ -131,6 +131,8 @@ def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[f
     force_error = 0.0
     for d in range(dof):
         force_error = max(force_error, abs(residual[pose + d]))
+    if not math.isfinite(residual.sum()):  # max() drops a nan
+        return math.inf, math.inf
     return closure_error, force_error / (1.0 + largest_force)
 
 
@@ -155,7 +157,10 @@ def pole_distance(work: Workspace, leg: int) -> float:
     rods = work.rods
     p_xx, p_xy, p_yx, p_yy = rods[leg, TIP_G], rods[leg, TIP_G + 1], rods[leg, TIP_G + 2], rods[leg, TIP_G + 3]
     determinant = p_xx * p_yy - p_xy * p_yx
-    columns = (p_xx * p_xx + p_yx * p_yx) * (p_xy * p_xy + p_yy * p_yy)
+    first, second = p_xx * p_xx + p_yx * p_yx, p_xy * p_xy + p_yy * p_yy
+    # a column of rounding errors has a direction of its own: it counts as at least a 1e-8 of the other
+    least = 1e-16 * max(first, second)
+    columns = max(first, least) * max(second, least)
     return determinant * determinant / columns if columns > 0.0 else 0.0
 
 

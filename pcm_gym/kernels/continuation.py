@@ -367,7 +367,7 @@ def _follow_by_arclength(
     size = x.shape[0]
     if not _start_arc(legs, x, line, fraction, work):
         return SOLVER_FAILURE, fraction
-    arc, refused_for_index = _FIRST_ARC_STEP, False
+    arc, refused_for_index, refused_at = _FIRST_ARC_STEP, False, math.inf
     for _ in range(_MOST_ARC_STEPS):
         if arc < _LEAST_ARC_STEP:
             break
@@ -376,7 +376,13 @@ def _follow_by_arclength(
             arc *= 0.5
             continue
         if line.trial_tangent[size] <= 0.0:
-            return FOLD, _locate_fold(legs, x, line, fraction, arc, index, work)
+            before = x.copy()
+            at_fold = _locate_fold(legs, x, line, fraction, arc, index, work)
+            if at_fold <= reach:
+                return FOLD, at_fold
+            x[:] = before  # the fold is beyond the target
+            arc *= 0.5
+            continue
         cosine = 0.0
         for j in range(size + 1):
             cosine += line.border[j] * line.trial_tangent[j]
@@ -389,10 +395,11 @@ def _follow_by_arclength(
                 return NONE, reach
             arc *= 0.5
             continue
-        refused_for_index = assess_stability(legs, line.x, work).morse_index != index
-        if refused_for_index:
+        if assess_stability(legs, line.x, work).morse_index != index:
+            refused_for_index, refused_at = True, end
             arc *= 0.5
             continue
+        refused_for_index = refused_for_index and end < refused_at
         x[:] = line.x
         fraction = end
         line.tangent[:] = line.trial_tangent

@@ -36,7 +36,8 @@ def _jacobi_near_one(u: float, k_c: float) -> tuple[float, float, float, float, 
     cn = sech - lag * tanh * sech
     dn = sech + quarter * (product + u) * tanh * sech
     deficit = u - tanh - quarter * (2.0 * u - tanh - u * sech * sech)
-    return sn, cn, dn, deficit, math.log(4.0 / max(k_c, _LEAST_COMPLEMENT))
+    quarter_period = math.log(4.0 / max(k_c, _LEAST_COMPLEMENT))
+    return sn, cn, dn, deficit, quarter_period + quarter * (quarter_period - 1.0)
 
 
 @kernel

@@ -57,6 +57,9 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
     pose = 2 * legs.shape[0]
     step, rods = work.step, work.rods
     size = 0.0
+    for d in range(x.shape[0]):  # max() drops a nan
+        if not math.isfinite(step[d]):
+            return math.inf
     for d in range(pose, x.shape[0]):
         size = max(size, abs(step[d]))
     for i in range(legs.shape[0]):

@@ -210,7 +210,7 @@ def rod_parameters(g_x: float, g_y: float) -> tuple[float, float, int, float]:
     load = math.hypot(g_x, g_y)
     if load == 0.0:
         return 1.0, 0.0, 1, 0.0
-    kappa, _ = tip_half_angle(g_x, g_y, load)
+    kappa, kappa_c = tip_half_angle(g_x, g_y, load)
     point = rod(g_x, g_y)
     mode = 1 + int(math.floor(point.half_periods))
     psi = math.atan2(point.force_y, point.force_x)
@@ -218,7 +218,7 @@ def rod_parameters(g_x: float, g_y: float) -> tuple[float, float, int, float]:
         psi += 2.0 * math.pi
     if psi >= 2.0 * math.pi:  # a negative angle too small to survive the addition
         psi = 0.0
-    return (kappa if mode % 2 == 1 else -kappa), psi, mode, math.sqrt(load)
+    return (kappa if (mode % 2 == 1) == (kappa_c <= 0.0) else -kappa), psi, mode, math.sqrt(load)
 
 
 @kernel
@@ -249,7 +249,7 @@ def rod_shape(g_x: float, g_y: float, shape: NDArray[np.float64]) -> None:
 def _turn(whole: RodPoint, cut: RodPoint, scale: float) -> tuple[float, float]:
     """Return cosine and sine of the tangent's angle at the cut: it turns the part's force into the whole rod's."""
     square = scale * (whole.force_x**2 + whole.force_y**2)
-    if square == 0.0:
+    if square < 1e-290:  # straight to rounding, and its square may have lost its digits
         return 1.0, 0.0
     cosine = (whole.force_x * cut.force_x + whole.force_y * cut.force_y) / square
     sine = (whole.force_y * cut.force_x - whole.force_x * cut.force_y) / square

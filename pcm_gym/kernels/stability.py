@@ -53,7 +53,8 @@ def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
         third = math.inf
     else:
         first, second, third = eigenvalues_3(matrix)
-    index += (1 if first < 0.0 else 0) + (1 if second < 0.0 else 0) + (1 if third < 0.0 else 0)
+    # a nan counts as unstable
+    index += (0 if first >= 0.0 else 1) + (0 if second >= 0.0 else 1) + (0 if third >= 0.0 else 1)
     return Stability(index, min(first, second, third), min(abs(first), abs(second), abs(third)), matrix)
 
 

@@ -107,8 +107,8 @@ class BranchTracker:
             If an argument has the wrong shape or is not finite.
         """
         mechanism, units, start = self._mechanism, self._mechanism.units, self._equilibrium
-        inputs_target = mechanism.check_inputs(inputs) / units.inputs
-        load_target = (start.load if load is None else mechanism.check_load(load)) / units.load
+        inputs_wanted = mechanism.check_inputs(inputs)
+        load_wanted = np.array(start.load) if load is None else mechanism.check_load(load)
         state = np.array(start.state)
         inputs_reached, load_reached = start.inputs / units.inputs, start.load / units.load
         tracked = continuation.track(
@@ -116,11 +116,13 @@ class BranchTracker:
             state,
             inputs_reached,
             load_reached,
-            inputs_target,
-            load_target,
+            inputs_wanted / units.inputs,
+            load_wanted / units.load,
             self._follow_index_changes,
             self._line,
             self._work,
         )
-        self._equilibrium = Equilibrium(mechanism, state, inputs_reached * units.inputs, load_reached * units.load)
+        if tracked.fraction < 1.0:
+            inputs_wanted, load_wanted = inputs_reached * units.inputs, load_reached * units.load
+        self._equilibrium = Equilibrium(mechanism, state, inputs_wanted, load_wanted)
         return TrackedStep(self._equilibrium, EVENTS[tracked.event], tracked.fraction)

@@ -17,8 +17,8 @@ from tests.reference.mechanisms import FAMILIES, find_equilibria, random_inputs,
 SAMPLES = {"2RFR": (24, 150, 4), "2PFR": (24, 200, 4), "3PFR": (30, 3000, 3)}
 # An eigenvalue below this (1 is a straight unloaded rod's) has no safe sign in a discretisation of 56 polynomials.
 AMBIGUOUS = 1e-6
-# Where a rod is straight but for a hair its stiffness is measured a hair beside, to about the root of the hair.
-NEARLY_RIGID = 1e5
+# Observed: 1e-10, in nearly straight rods with a stiffness of 1e7; the polynomials are good to 1e-12.
+STIFFNESS_TOL = 1e-8
 
 
 class Case(NamedTuple):
@@ -82,23 +82,22 @@ def test_index_is_the_number_of_negative_eigenvalues(cases: list[Case]) -> None:
 
 
 def test_discretised_mechanism_rests_at_the_same_pose(cases: list[Case]) -> None:
-    """So the states are equilibria by a second, independent set of equations. Tolerance: the discretisation's."""
+    """So the states are equilibria by a second, independent set of equations. Newton stops at 1e-11."""
     for case in cases:
-        assert case.pose_error < 1e-7, describe(case)
+        assert case.pose_error < 1e-10, describe(case)
 
 
 def test_stiffness_is_the_second_derivative_of_the_energy(cases: list[Case]) -> None:
     for case in cases:
         scale = np.abs(case.discrete_stiffness).max()
-        tolerance = 1e-6 if scale < NEARLY_RIGID else 1e-2
         error = np.abs(case.equilibrium.stiffness - case.discrete_stiffness).max()
-        assert error < tolerance * scale, describe(case)
+        assert error < STIFFNESS_TOL * scale, describe(case)
 
 
 def test_margins_are_eigenvalues_of_the_stiffness(cases: list[Case]) -> None:
     for case in cases:
         eigenvalues = np.linalg.eigvalsh(case.discrete_stiffness / case.equilibrium.mechanism.units.stiffness)
-        tolerance = (1e-6 if np.abs(case.discrete_stiffness).max() < NEARLY_RIGID else 1e-2) * np.abs(eigenvalues).max()
+        tolerance = STIFFNESS_TOL * np.abs(eigenvalues).max()
         assert case.equilibrium.stability_margin == pytest.approx(eigenvalues.min(), abs=tolerance)
         assert case.equilibrium.singularity_margin == pytest.approx(np.abs(eigenvalues).min(), abs=tolerance)
 
@@ -176,3 +175,15 @@ class TestTruss:
         jacobian = equilibrium.forward_jacobian
         assert np.isfinite(jacobian).all()
         np.testing.assert_allclose(jacobian, np.zeros((2, 2)), atol=1e-12)
+
+
+def test_nan_is_neither_in_balance_nor_stable() -> None:
+    """max() drops a nan and nan < 0 is false: neither may turn a broken state into a stable equilibrium."""
+    mechanism = Mechanism("2RFR", tuple(Leg(Revolute((x, 0.0))) for x in (-0.2, 0.2)))
+    for entry in range(mechanism.state_size):
+        state = np.array([1.0, 2.0, 1.0, -2.0, 0.0, 0.9])
+        state[entry] = math.nan
+        broken = Equilibrium(mechanism, state, np.array([2.0, 1.0]), np.zeros(2))
+        assert not broken.residual < 1.0
+        if entry < 4:  # the stiffness of a point end-effector does not depend on where it is
+            assert not broken.is_stable

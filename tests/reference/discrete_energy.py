@@ -4,7 +4,7 @@ Each rod is the tangent's angle theta(s) as a polynomial in the arc length: thet
 sum of Legendre polynomials, orthonormal in the bending energy, so that the energy's Hessian is the identity plus a
 compact part. The tips meet the end-effector by constraints with Lagrange multipliers; nothing is assumed of how the
 forces balance. Converges exponentially: with 56 polynomials per rod the equilibria of rods with rho <= 8 are exact to
-better than 1e-7 (test_stability measures it).
+better than 1e-10 (test_stability measures it).
 """
 
 import math
