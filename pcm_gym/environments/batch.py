@@ -63,6 +63,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._generators: list[np.random.Generator] = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
+        self._is_reset = False
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -70,6 +71,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Begin new episodes: all of them, or those in ``options["reset_mask"]``, a bool array (num_envs,)."""
         options = dict(options or {})
         mask = self._checked_mask(options.pop("reset_mask", None))
+        self._is_reset = True
         for row, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None and mask[row]:
                 self._generators[row], _ = seeding.np_random(own_seed)
@@ -79,6 +81,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Step every environment; what happens to those that have ended is up to the autoreset mode."""
+        if not self._is_reset:
+            raise gymnasium.error.ResetNeeded("step() was called before the first reset()")
         values = self._checked_actions(actions)
         waiting = self._ended.copy()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():

@@ -42,8 +42,18 @@ def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
     index = n_minus(K) + sum (zeros of eta - n_minus(A)) over the legs (A: stiffness of one rod at its tip). The sum is
     unchanged across a pole of A, so at a pole the rods are judged a hair beside it.
     """
-    if set_leg_stiffness(legs, work) < _POLE_LIMIT:
-        _evaluate_beside_poles(legs, x, work)
+    if set_leg_stiffness(legs, work) > _POLE_LIMIT:
+        return _judge_stiffness(legs, x, work)
+    table = work.rods.copy()
+    _evaluate_beside_poles(legs, x, work)
+    work.rods[:, :TIP_G] = table[:, :TIP_G]  # the tips and forces themselves are not in doubt
+    verdict = _judge_stiffness(legs, x, work)
+    work.rods[:] = table
+    return verdict
+
+
+@kernel
+def _judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
     matrix = stiffness(legs, x, work)
     index = 0
     for i in range(legs.shape[0]):
@@ -68,7 +78,7 @@ def _negative_directions(leg_stiffness: Array) -> int:
 
 @kernel
 def _evaluate_beside_poles(legs: Array, x: Array, work: Workspace) -> None:
-    """Set the legs' stiffness with each rod at a pole moved sideways by about `_NUDGE`; tips and forces are kept."""
+    """Fill rod table and legs' stiffness with each rod at a pole moved sideways by about `_NUDGE`."""
     beside = x.copy()
     for i in range(legs.shape[0]):
         if pole_distance(work, i) < _POLE_LIMIT:
@@ -76,7 +86,5 @@ def _evaluate_beside_poles(legs: Array, x: Array, work: Workspace) -> None:
             load = max(math.hypot(g_x, g_y), 1.0)
             # taut rods answer to a sideways load like exp(rho)
             beside[2 * i + 1] = g_y + _NUDGE * load * (math.exp(-math.sqrt(load)) if g_x > 0.0 else 1.0)
-    forces = work.rods[:, :TIP_G].copy()
     evaluate_rods(legs, beside, work)
     set_leg_stiffness(legs, work)
-    work.rods[:, :TIP_G] = forces
