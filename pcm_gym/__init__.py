@@ -5,7 +5,16 @@ Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Rea
 
 from pcm_gym.environments import environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
-from pcm_gym.solving import BranchTracker, Equilibrium, Event, RodState, TrackedStep, home_equilibrium
+from pcm_gym.solving import (
+    BranchTracker,
+    Equilibrium,
+    Event,
+    RodState,
+    TrackedStep,
+    home_equilibrium,
+    solve_forward,
+    solve_inverse,
+)
 from pcm_gym.tasks import Element, observation_elements
 
 __all__ = [
@@ -25,6 +34,8 @@ __all__ = [
     "home_equilibrium",
     "mechanism_names",
     "observation_elements",
+    "solve_forward",
+    "solve_inverse",
 ]
 
 register_environments()

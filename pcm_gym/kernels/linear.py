@@ -55,6 +55,33 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], size: 
 
 
 @kernel
+def eliminate(table: NDArray[np.float64], size: int, columns: int) -> bool:
+    """Turn the first `size` columns of `table` into the identity (Gauss-Jordan), and the other `columns` with them.
+
+    Returns False where the matrix is singular.
+    """
+    for column in range(size):
+        best = column
+        for row in range(column + 1, size):
+            if abs(table[row, column]) > abs(table[best, column]):
+                best = row
+        if not abs(table[best, column]) > 0.0:
+            return False
+        if best != column:
+            for k in range(columns):
+                table[column, k], table[best, k] = table[best, k], table[column, k]
+        inverse = 1.0 / table[column, column]
+        for k in range(column, columns):
+            table[column, k] *= inverse
+        for row in range(size):
+            factor = table[row, column]
+            if row != column and factor != 0.0:
+                for k in range(column, columns):
+                    table[row, k] -= factor * table[column, k]
+    return True
+
+
+@kernel
 def solve_symmetric(a: Symmetric, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the solution of a symmetric 3 x 3 system by its adjugate; not finite where the matrix is singular."""
     c_xx = a.yy * a.zz - a.yz * a.yz

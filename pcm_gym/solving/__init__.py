@@ -1,7 +1,17 @@
 """Solving mechanisms: equilibria, branches, stability."""
 
+from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodState
 from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
-__all__ = ["BranchTracker", "Equilibrium", "Event", "RodState", "TrackedStep", "home_equilibrium"]
+__all__ = [
+    "BranchTracker",
+    "Equilibrium",
+    "Event",
+    "RodState",
+    "TrackedStep",
+    "home_equilibrium",
+    "solve_forward",
+    "solve_inverse",
+]
