@@ -55,20 +55,20 @@ _OFFERS = 5
 
 # The tree (legs, nodes, offers, columns) holds an affine model of each offer of each cell and node, level by level, the
 # children of a node side by side. With local coordinates s, t in [-1, 1] the offer is center + s along + t across,
-# within the remainder, and so between low and high; low is inf where no cell below can close.
-CENTER, ALONG, ACROSS, REMAINDER, LOW, HIGH = range(6)
-_MODEL_COLUMNS = 6
+# within the remainder, and so within its bounds (legs, nodes, offers, 2); low is inf where no cell below can close.
+CENTER, ALONG, ACROSS, REMAINDER = range(4)
+LOW, HIGH = range(2)
 
 # Rows of what the join has to meet; the span between legs i and j is in column i + j - 1.
 _LOAD, _ARMS, _SPANS = range(3)
 
 # The remainder of a cell's affine model, as multiples of the second differences: 1/8 would be exact for a parabola.
-_BULGE = 0.2
+_BULGE = 0.15
 # Weight c of the even part of the grid along b.
 _EVENNESS = 3.0
 _GRADE_STEPS = 8
 # From this level on, combinations are tested by the linear system of their models as well as by their bounds.
-_LINEAR_TEST_LEVEL = 4
+_LINEAR_TEST_LEVEL = 5
 
 _POLISH_RULES = NewtonRules(first_correction=1.0, contraction=2.0, iterations=14)
 # States nearer than the first are one; states nearer than the second are one if they have the same index.
@@ -219,24 +219,24 @@ def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers
 
 
 @kernel
-def _fill_tree(levels: int, offers: Array, is_inverse: bool, leg: int, tree: Array) -> None:
+def _fill_tree(levels: int, offers: Array, is_inverse: bool, leg: int, tree: Array, bounds: Array) -> None:
     """Fill the models of one leg; in the inverse problem leave out the cells whose miss cannot vanish."""
     start = _node_offset(levels)
     for leaf in range(2 * 4**levels):
         side, i, j = _cell_of_leaf(leaf, levels)
         _set_model(offers[side], i, j, 1, leg, start + leaf, tree)
         _set_cell_remainder(offers[side], i, j, tree[leg, start + leaf, :, REMAINDER])
-        _set_bounds(leg, start + leaf, tree)
-        if is_inverse and not tree[leg, start + leaf, 0, LOW] <= 0.0 <= tree[leg, start + leaf, 0, HIGH]:
-            tree[leg, start + leaf, :, LOW] = math.inf
-            tree[leg, start + leaf, :, HIGH] = -math.inf
+        _set_bounds(leg, start + leaf, tree, bounds)
+        if is_inverse and not bounds[leg, start + leaf, 0, LOW] <= 0.0 <= bounds[leg, start + leaf, 0, HIGH]:
+            bounds[leg, start + leaf, :, LOW] = math.inf
+            bounds[leg, start + leaf, :, HIGH] = -math.inf
     for level in range(levels - 1, -1, -1):
         start, below = _node_offset(level), _node_offset(level + 1)
         for node in range(2 * 4**level):
             side, i, j = _cell_of_leaf(node, level)
             width = 2 ** (levels - level)
             _set_model(offers[side], i * width, j * width, width, leg, start + node, tree)
-            _set_node_remainder(leg, start + node, below + 4 * node, tree)
+            _set_node_remainder(leg, start + node, below + 4 * node, tree, bounds)
 
 
 @kernel
@@ -250,11 +250,16 @@ def _set_model(offers: Array, i: int, j: int, width: int, leg: int, node: int, t
 
 
 @kernel
-def _set_bounds(leg: int, node: int, tree: Array) -> None:
+def _spread(model: Array) -> float:
+    """Return how far an offer may be from the centre of its model (4,)."""
+    return abs(model[ALONG]) + abs(model[ACROSS]) + model[REMAINDER]
+
+
+@kernel
+def _set_bounds(leg: int, node: int, tree: Array, bounds: Array) -> None:
     for k in range(_OFFERS):
-        spread = abs(tree[leg, node, k, ALONG]) + abs(tree[leg, node, k, ACROSS]) + tree[leg, node, k, REMAINDER]
-        tree[leg, node, k, LOW] = tree[leg, node, k, CENTER] - spread
-        tree[leg, node, k, HIGH] = tree[leg, node, k, CENTER] + spread
+        center, spread = tree[leg, node, k, CENTER], _spread(tree[leg, node, k])
+        bounds[leg, node, k, LOW], bounds[leg, node, k, HIGH] = center - spread, center + spread
 
 
 @kernel
@@ -269,11 +274,11 @@ def _set_cell_remainder(offers: Array, i: int, j: int, remainder: Array) -> None
 
 
 @kernel
-def _set_node_remainder(leg: int, node: int, first_child: int, tree: Array) -> None:
+def _set_node_remainder(leg: int, node: int, first_child: int, tree: Array, bounds: Array) -> None:
     """Enclose the children's models in the node's; set its bounds, empty if those of all children are."""
     tree[leg, node, :, REMAINDER] = -math.inf
     for child in range(4):
-        if tree[leg, first_child + child, 0, LOW] == math.inf:
+        if bounds[leg, first_child + child, 0, LOW] == math.inf:
             continue
         s, t = (child >> 1) - 0.5, (child & 1) - 0.5
         for k in range(_OFFERS):
@@ -287,50 +292,52 @@ def _set_node_remainder(leg: int, node: int, first_child: int, tree: Array) -> N
             )
             tree[leg, node, k, REMAINDER] = max(tree[leg, node, k, REMAINDER], reach)
     if tree[leg, node, 0, REMAINDER] == -math.inf:
-        tree[leg, node, :, LOW] = math.inf
-        tree[leg, node, :, HIGH] = -math.inf
+        bounds[leg, node, :, LOW] = math.inf
+        bounds[leg, node, :, HIGH] = -math.inf
     else:
-        _set_bounds(leg, node, tree)
+        _set_bounds(leg, node, tree, bounds)
 
 
 @kernel
-def _may_meet(tree: Array, nodes: Integers, search: Array, is_inverse: bool) -> bool:
+def _may_meet(bounds: Array, nodes: Integers, search: Array, is_inverse: bool) -> bool:
     """Return whether the bounds of these nodes, one node per leg, allow an equilibrium below them."""
     leg_count = nodes.shape[0]
+    if leg_count == 2 and not is_inverse and not _may_touch(bounds, nodes):
+        return False
     for k in range(FORCE_X, FORCE_Y + 1):
         low = high = 0.0
         for leg in range(leg_count):
-            low += tree[leg, nodes[leg], k, LOW]
-            high += tree[leg, nodes[leg], k, HIGH]
+            low += bounds[leg, nodes[leg], k, LOW]
+            high += bounds[leg, nodes[leg], k, HIGH]
         if not low <= search[_LOAD, k - FORCE_X] <= high:
             return False
-    if is_inverse:
-        return leg_count == 2 or _moments_may_balance(tree, nodes, search, is_inverse)
     if leg_count == 2:
-        return _may_touch(tree, nodes)
+        return True
+    if is_inverse:
+        return _moments_may_balance(bounds, nodes, search, is_inverse)
     for leg in range(leg_count):
-        if not _may_span(tree, nodes, leg, (leg + 1) % leg_count, search):
+        if not _may_span(bounds, nodes, leg, (leg + 1) % leg_count, search):
             return False
-    return _moments_may_balance(tree, nodes, search, is_inverse)
+    return _moments_may_balance(bounds, nodes, search, is_inverse)
 
 
 @kernel
-def _may_touch(tree: Array, nodes: Integers) -> bool:
+def _may_touch(bounds: Array, nodes: Integers) -> bool:
     for k in range(TIP_X, TIP_Y + 1):
         if (
-            tree[0, nodes[0], k, LOW] > tree[1, nodes[1], k, HIGH]
-            or tree[1, nodes[1], k, LOW] > tree[0, nodes[0], k, HIGH]
+            bounds[0, nodes[0], k, LOW] > bounds[1, nodes[1], k, HIGH]
+            or bounds[1, nodes[1], k, LOW] > bounds[0, nodes[0], k, HIGH]
         ):
             return False
     return True
 
 
 @kernel
-def _may_span(tree: Array, nodes: Integers, leg: int, other: int, search: Array) -> bool:
+def _may_span(bounds: Array, nodes: Integers, leg: int, other: int, search: Array) -> bool:
     least = most = 0.0
     for k in range(TIP_X, TIP_Y + 1):
-        below = tree[leg, nodes[leg], k, LOW] - tree[other, nodes[other], k, HIGH]
-        above = tree[leg, nodes[leg], k, HIGH] - tree[other, nodes[other], k, LOW]
+        below = bounds[leg, nodes[leg], k, LOW] - bounds[other, nodes[other], k, HIGH]
+        above = bounds[leg, nodes[leg], k, HIGH] - bounds[other, nodes[other], k, LOW]
         nearest, farthest = max(below, -above, 0.0), max(above, -below)
         least += nearest * nearest
         most += farthest * farthest
@@ -338,17 +345,17 @@ def _may_span(tree: Array, nodes: Integers, leg: int, other: int, search: Array)
 
 
 @kernel
-def _moments_may_balance(tree: Array, nodes: Integers, search: Array, is_inverse: bool) -> bool:
+def _moments_may_balance(bounds: Array, nodes: Integers, search: Array, is_inverse: bool) -> bool:
     """Return whether the moments may sum to that of the load, about the world's origin in the forward problem."""
     low = high = 0.0
     for leg in range(nodes.shape[0]):
-        low += tree[leg, nodes[leg], MOMENT, LOW]
-        high += tree[leg, nodes[leg], MOMENT, HIGH]
+        low += bounds[leg, nodes[leg], MOMENT, LOW]
+        high += bounds[leg, nodes[leg], MOMENT, HIGH]
     if not is_inverse:
         force_x, force_y = search[_LOAD, 0], search[_LOAD, 1]
         for k, force in ((TIP_X, force_y), (TIP_Y, -force_x)):
-            first = force * (tree[0, nodes[0], k, LOW] - search[_ARMS, 0])
-            second = force * (tree[0, nodes[0], k, HIGH] + search[_ARMS, 0])
+            first = force * (bounds[0, nodes[0], k, LOW] - search[_ARMS, 0])
+            second = force * (bounds[0, nodes[0], k, HIGH] + search[_ARMS, 0])
             low -= max(first, second)
             high -= min(first, second)
     return bool(low <= search[_LOAD, 2] <= high)
@@ -407,8 +414,7 @@ def _add_span(tree: Array, nodes: Integers, leg: int, other: int, search: Array,
         _add_offer(tree, nodes, leg, k, 2.0 * gap, row, test)
         _add_offer(tree, nodes, other, k, -2.0 * gap, row, test)
         test[row, size] -= gap * gap
-        swing = 0.5 * (tree[leg, nodes[leg], k, HIGH] - tree[leg, nodes[leg], k, LOW])
-        swing += 0.5 * (tree[other, nodes[other], k, HIGH] - tree[other, nodes[other], k, LOW])
+        swing = _spread(tree[leg, nodes[leg], k]) + _spread(tree[other, nodes[other], k])
         test[row, -1] += swing * swing
     test[row, size] -= search[_SPANS, leg + other - 1] ** 2
 
@@ -446,7 +452,9 @@ def _system_may_vanish(size: int, test: Array) -> bool:
 
 
 @kernel
-def join(levels: int, tree: Array, search: Array, is_inverse: bool, combinations: Integers, starts: Array) -> int:
+def join(
+    levels: int, tree: Array, bounds: Array, search: Array, is_inverse: bool, combinations: Integers, starts: Array
+) -> int:
     """Find the combinations of cells, one leaf per leg, that may meet; return how many there are.
 
     They are put into `combinations` (m, legs), and the local coordinates where their models meet, cut to the cells,
@@ -483,7 +491,7 @@ def join(levels: int, tree: Array, search: Array, is_inverse: bool, combinations
         parent = stack[top, split]
         for child in range(4 * parent, 4 * parent + 4):
             nodes[split] = child + _node_offset(level + 1)
-            if _may_meet(tree, nodes, search, is_inverse):
+            if _may_meet(bounds, nodes, search, is_inverse):
                 for leg in range(leg_count):
                     stack[top, leg] = nodes[leg] - _node_offset(level + 1 if leg <= split else level)
                 stack[top, leg_count] = depth + 1
@@ -521,14 +529,15 @@ def find_combinations(
     work = make_workspace(leg_count, 2 * leg_count + pose.shape[0])
     set_inputs(legs, inputs, work)
     offers = np.empty((2, count + 1, count + 1, _OFFERS))
-    tree = np.empty((leg_count, _node_offset(unit.levels + 1), _OFFERS, _MODEL_COLUMNS))
+    tree = np.empty((leg_count, _node_offset(unit.levels + 1), _OFFERS, 4))
+    bounds = np.empty((leg_count, _node_offset(unit.levels + 1), _OFFERS, 2))
     for leg in range(leg_count):
         if is_inverse:
             set_inverse_offers(legs, leg, pose, unit, offers)
         else:
             set_forward_offers(legs, leg, unit, work, offers)
-        _fill_tree(unit.levels, offers, is_inverse, leg, tree)
-    return join(unit.levels, tree, make_search(legs, load), is_inverse, combinations, starts)
+        _fill_tree(unit.levels, offers, is_inverse, leg, tree, bounds)
+    return join(unit.levels, tree, bounds, make_search(legs, load), is_inverse, combinations, starts)
 
 
 @kernel
@@ -650,7 +659,8 @@ def _principal_angle(angle: float) -> float:
 def _keep(legs: Array, x: Array, inputs: Array, rho_max: float, work: Workspace, found: Found, count: int) -> int:
     """Add an equilibrium to those found if its loads are in range, there is room, and it is new; return their number.
 
-    The platform's angle is brought into (-pi, pi].     Equilibria of different index are two however near they are: they meet at a fold.
+    The platform's angle is brought into (-pi, pi]. Equilibria of different index are two however near they are: they
+    meet at a fold.
     """
     for leg in range(legs.shape[0]):
         if math.hypot(x[2 * leg], x[2 * leg + 1]) > rho_max * rho_max:
