@@ -45,18 +45,9 @@ def kernel(function: Function) -> Function:
     Division by zero follows IEEE 754 in every kernel (inf and nan, no exception), and fast-math is never used: it
     would make ``isnan`` constant. With ``NUMBA_DISABLE_JIT=1`` the plain Python function is returned.
     """
-    return _compile(function, parallel=False)
-
-
-def parallel_kernel(function: Function) -> Function:
-    """Compile `function` like `kernel`, its ``prange`` loops spread over threads."""
-    return _compile(function, parallel=True)
-
-
-def _compile(function: Function, *, parallel: bool) -> Function:
     previous, config.CACHE_DIR = config.CACHE_DIR, _CACHE_FOLDER
     try:
-        return numba.njit(cache=True, error_model="numpy", parallel=parallel)(function)  # type: ignore[no-any-return]
+        return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
     finally:
         config.CACHE_DIR = previous
 

@@ -1,14 +1,8 @@
 """Every equilibrium of a mechanism, at given inputs or at a given pose, by a join of bounding-volume hierarchies.
 
-The equilibria of one rod are a plane, and what a leg offers to the mechanism (where its tip is, which force it takes,
-that force's moment about the origin) is a smooth surface over it. An equilibrium of the mechanism is one point on
-each leg's surface such that closure and the balance of forces hold. So each surface is cut into cells, what a cell
-offers is enclosed in an affine model with a remainder, the cells are gathered in a tree, and the trees are searched
-together: a combination of nodes that cannot meet is dropped with all its cells. What remains is polished by Newton's
-method.
-
-The unit rod's surface is tabulated once and serves every rod by scaling and rotation. Cells are graded towards
-tension (b = 0), where b lives on the scale exp(-rho).
+An equilibrium of the mechanism is one point on the surface of what each leg offers (see `cells`), such that closure
+and the balance of forces hold. The legs' trees of cells are searched together: a combination of nodes, one of each leg,
+that cannot meet is dropped with all its cells. What remains is polished by Newton's method.
 """
 
 import math
@@ -17,16 +11,34 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.kernels.cells import (
+    ACROSS,
+    ALONG,
+    CENTER,
+    FORCE_X,
+    FORCE_Y,
+    HIGH,
+    LOW,
+    MOMENT,
+    OFFERS,
+    REMAINDER,
+    TIP_X,
+    TIP_Y,
+    UnitRod,
+    cell_of_leaf,
+    fill_tree,
+    grid_load,
+    hinge,
+    node_offset,
+    reaching_input,
+    set_forward_offers,
+    set_inverse_offers,
+    spread,
+)
 from pcm_gym.kernels.closure import (
     ATTACH_X,
     ATTACH_Y,
-    AXIS_X,
-    AXIS_Y,
-    BASE_X,
-    BASE_Y,
-    CLAMP_ANGLE,
     LENGTH,
-    STIFFNESS,
     TURN,
     Workspace,
     evaluate_rods,
@@ -49,24 +61,9 @@ from pcm_gym.kernels.stability import assess_stability
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# What a cell offers, as columns of the node values and as pairs (low, high) of the bounds.
-TIP_X, TIP_Y, FORCE_X, FORCE_Y, MOMENT = range(5)
-_OFFERS = 5
-
-# The tree (legs, nodes, offers, columns) holds an affine model of each offer of each cell and node, level by level, the
-# children of a node side by side. With local coordinates s, t in [-1, 1] the offer is center + s along + t across,
-# within the remainder, and so within its bounds (legs, nodes, offers, 2); low is inf where no cell below can close.
-CENTER, ALONG, ACROSS, REMAINDER = range(4)
-LOW, HIGH = range(2)
-
 # Rows of what the join has to meet; the span between legs i and j is in column i + j - 1.
 _LOAD, _ARMS, _SPANS = range(3)
 
-# The remainder of a cell's affine model, as multiples of the second differences: 1/8 would be exact for a parabola.
-_BULGE = 0.15
-# Weight c of the even part of the grid along b.
-_EVENNESS = 3.0
-_GRADE_STEPS = 8
 # From this level on, combinations are tested by the linear system of their models as well as by their bounds.
 _LINEAR_TEST_LEVEL = 5
 
@@ -83,219 +80,6 @@ class Found(NamedTuple):
     x: Array  # (m, size)
     inputs: Array  # (m, legs)
     indices: Integers  # (m,): Morse indices
-
-
-class UnitRod(NamedTuple):
-    """The unit rod on the nodes of the grid: [side of b, rho, grade of b]."""
-
-    levels: int  # the grid has 2^levels cells along rho and along b, on either side of b = 0
-    rho_max: float
-    loads: Array  # (2, n + 1, n + 1, 2): g
-    values: Array  # (2, n + 1, n + 1, 4): tip and force in the clamp's frame
-
-
-@kernel
-def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
-    """Return the load g at rho and a grade in [0, 1] of |b| in [0, pi]; b > 0 on side 0.
-
-    Grades are equal steps of log(1 + b / exp(-rho)) + c b: even, but logarithmic towards tension.
-    """
-    scale = math.exp(-rho)
-    wanted = grade * (math.log1p(math.pi / scale) + _EVENNESS * math.pi)
-    b = scale * math.expm1(wanted / (1.0 + _EVENNESS * scale)) if wanted < rho else math.pi * grade
-    for _ in range(_GRADE_STEPS):  # Newton's method on a concave function
-        b -= (math.log1p(b / scale) + _EVENNESS * b - wanted) / (1.0 / (scale + b) + _EVENNESS)
-        b = min(max(b, 0.0), math.pi)
-    sine = math.sin(b) if side == 0 else -math.sin(b)
-    return rho * rho * math.cos(b), -rho * rho * sine
-
-
-@kernel
-def make_unit_rod(levels: int, rho_max: float) -> UnitRod:
-    """Return the unit rod tabulated for rho up to `rho_max`."""
-    count = 2**levels
-    loads = np.zeros((2, count + 1, count + 1, 2))
-    values = np.zeros((2, count + 1, count + 1, 4))
-    for side in range(2):
-        for i in range(count + 1):
-            for j in range(count + 1):
-                g_x, g_y = grid_load(rho_max * i / count, j / count, side)
-                point = rod(g_x, g_y)
-                loads[side, i, j, 0], loads[side, i, j, 1] = g_x, g_y
-                values[side, i, j, 0], values[side, i, j, 1] = point.tip_x, point.tip_y
-                values[side, i, j, 2], values[side, i, j, 3] = point.force_x, point.force_y
-    return UnitRod(levels, rho_max, loads, values)
-
-
-@kernel
-def _node_offset(level: int) -> int:
-    """Return where the nodes of a level begin: level 0 has the two sides, each node has four children."""
-    return int(2 * (4**level - 1) // 3)
-
-
-@kernel
-def _cell_of_leaf(leaf: int, levels: int) -> tuple[int, int, int]:
-    """Return side, rho cell and grade cell of a leaf, whose number interleaves the bits of the two."""
-    i = j = 0
-    for bit in range(levels):
-        j |= ((leaf >> (2 * bit)) & 1) << bit
-        i |= ((leaf >> (2 * bit + 1)) & 1) << bit
-    return leaf >> (2 * levels), i, j
-
-
-@kernel
-def set_forward_offers(legs: Array, leg: int, unit: UnitRod, work: Workspace, offers: Array) -> None:
-    """Fill `offers` (2, n + 1, n + 1, 5) with what a leg offers at the clamps of the workspace."""
-    length = legs[leg, LENGTH]
-    force = legs[leg, STIFFNESS] / (length * length)
-    base_x, base_y, c, s = work.clamps[leg, 0], work.clamps[leg, 1], work.clamps[leg, 2], work.clamps[leg, 3]
-    for side in range(2):
-        for i in range(offers.shape[1]):
-            for j in range(offers.shape[2]):
-                tip_x, tip_y = unit.values[side, i, j, 0], unit.values[side, i, j, 1]
-                force_x, force_y = unit.values[side, i, j, 2], unit.values[side, i, j, 3]
-                out = offers[side, i, j]
-                out[TIP_X] = base_x + length * (c * tip_x - s * tip_y)
-                out[TIP_Y] = base_y + length * (s * tip_x + c * tip_y)
-                out[FORCE_X] = force * (c * force_x - s * force_y)
-                out[FORCE_Y] = force * (s * force_x + c * force_y)
-                out[MOMENT] = out[TIP_X] * out[FORCE_Y] - out[TIP_Y] * out[FORCE_X]
-
-
-@kernel
-def _reaching_input(legs: Array, leg: int, hinge_x: float, hinge_y: float, tip_x: float, tip_y: float) -> float:
-    """Return the input that brings a rod's tip, clamp's frame, to the hinge, or as near as this actuator can."""
-    length = legs[leg, LENGTH]
-    away_x, away_y = hinge_x - legs[leg, BASE_X], hinge_y - legs[leg, BASE_Y]
-    if legs[leg, TURN] != 0.0:
-        return math.atan2(away_y, away_x) - math.atan2(tip_y, tip_x) - float(legs[leg, CLAMP_ANGLE])
-    c, s = math.cos(legs[leg, CLAMP_ANGLE]), math.sin(legs[leg, CLAMP_ANGLE])
-    gap_x, gap_y = away_x - length * (c * tip_x - s * tip_y), away_y - length * (s * tip_x + c * tip_y)
-    return float(legs[leg, AXIS_X] * gap_x + legs[leg, AXIS_Y] * gap_y)
-
-
-@kernel
-def hinge(legs: Array, leg: int, pose: Array) -> tuple[float, float]:
-    """Return the hinge of a leg at a pose (2,) or (3,), world frame."""
-    c, s = (math.cos(pose[2]), math.sin(pose[2])) if pose.shape[0] == 3 else (1.0, 0.0)
-    arm_x = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
-    arm_y = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
-    return pose[0] + arm_x, pose[1] + arm_y
-
-
-@kernel
-def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers: Array) -> None:
-    """Fill `offers` with what a leg offers when its actuator brings the tip as near to its hinge as it can.
-
-    TIP_X holds the miss that remains (zero where the leg closes), FORCE and MOMENT the force at that input.
-    """
-    hinge_x, hinge_y = hinge(legs, leg, pose)
-    length = legs[leg, LENGTH]
-    force = legs[leg, STIFFNESS] / (length * length)
-    away_x, away_y = hinge_x - legs[leg, BASE_X], hinge_y - legs[leg, BASE_Y]
-    away = math.hypot(away_x, away_y)
-    clamp_c, clamp_s = math.cos(legs[leg, CLAMP_ANGLE]), math.sin(legs[leg, CLAMP_ANGLE])
-    for side in range(2):
-        for i in range(offers.shape[1]):
-            for j in range(offers.shape[2]):
-                tip_x, tip_y = unit.values[side, i, j, 0], unit.values[side, i, j, 1]
-                force_x, force_y = unit.values[side, i, j, 2], unit.values[side, i, j, 3]
-                c, s = clamp_c, clamp_s
-                if legs[leg, TURN] != 0.0:
-                    reach = math.hypot(tip_x, tip_y)
-                    miss = length * reach - away
-                    scale = 1.0 / max(reach * away, 1e-12)
-                    c = scale * (tip_x * away_x + tip_y * away_y)
-                    s = scale * (tip_x * away_y - tip_y * away_x)
-                else:
-                    gap_x = away_x - length * (c * tip_x - s * tip_y)
-                    gap_y = away_y - length * (s * tip_x + c * tip_y)
-                    miss = legs[leg, AXIS_X] * gap_y - legs[leg, AXIS_Y] * gap_x
-                out = offers[side, i, j]
-                out[TIP_X], out[TIP_Y] = miss, 0.0
-                out[FORCE_X] = force * (c * force_x - s * force_y)
-                out[FORCE_Y] = force * (s * force_x + c * force_y)
-                out[MOMENT] = (hinge_x - pose[0]) * out[FORCE_Y] - (hinge_y - pose[1]) * out[FORCE_X]
-
-
-@kernel
-def _fill_tree(levels: int, offers: Array, is_inverse: bool, leg: int, tree: Array, bounds: Array) -> None:
-    """Fill the models of one leg; in the inverse problem leave out the cells whose miss cannot vanish."""
-    start = _node_offset(levels)
-    for leaf in range(2 * 4**levels):
-        side, i, j = _cell_of_leaf(leaf, levels)
-        _set_model(offers[side], i, j, 1, leg, start + leaf, tree)
-        _set_cell_remainder(offers[side], i, j, tree[leg, start + leaf, :, REMAINDER])
-        _set_bounds(leg, start + leaf, tree, bounds)
-        if is_inverse and not bounds[leg, start + leaf, 0, LOW] <= 0.0 <= bounds[leg, start + leaf, 0, HIGH]:
-            bounds[leg, start + leaf, :, LOW] = math.inf
-            bounds[leg, start + leaf, :, HIGH] = -math.inf
-    for level in range(levels - 1, -1, -1):
-        start, below = _node_offset(level), _node_offset(level + 1)
-        for node in range(2 * 4**level):
-            side, i, j = _cell_of_leaf(node, level)
-            width = 2 ** (levels - level)
-            _set_model(offers[side], i * width, j * width, width, leg, start + node, tree)
-            _set_node_remainder(leg, start + node, below + 4 * node, tree, bounds)
-
-
-@kernel
-def _set_model(offers: Array, i: int, j: int, width: int, leg: int, node: int, tree: Array) -> None:
-    for k in range(_OFFERS):
-        first, second = offers[i, j, k], offers[i + width, j, k]
-        third, fourth = offers[i, j + width, k], offers[i + width, j + width, k]
-        tree[leg, node, k, CENTER] = 0.25 * (first + second + third + fourth)
-        tree[leg, node, k, ALONG] = 0.25 * (second + fourth - first - third)
-        tree[leg, node, k, ACROSS] = 0.25 * (third + fourth - first - second)
-
-
-@kernel
-def _spread(model: Array) -> float:
-    """Return how far an offer may be from the centre of its model (4,)."""
-    return abs(model[ALONG]) + abs(model[ACROSS]) + model[REMAINDER]
-
-
-@kernel
-def _set_bounds(leg: int, node: int, tree: Array, bounds: Array) -> None:
-    for k in range(_OFFERS):
-        center, spread = tree[leg, node, k, CENTER], _spread(tree[leg, node, k])
-        bounds[leg, node, k, LOW], bounds[leg, node, k, HIGH] = center - spread, center + spread
-
-
-@kernel
-def _set_cell_remainder(offers: Array, i: int, j: int, remainder: Array) -> None:
-    last = offers.shape[0] - 1
-    inner_i, inner_j = min(max(i, 1), last - 1), min(max(j, 1), last - 1)
-    for k in range(_OFFERS):
-        along = offers[inner_i + 1, j, k] - 2.0 * offers[inner_i, j, k] + offers[inner_i - 1, j, k]
-        across = offers[i, inner_j + 1, k] - 2.0 * offers[i, inner_j, k] + offers[i, inner_j - 1, k]
-        twist = offers[i, j, k] - offers[i + 1, j, k] - offers[i, j + 1, k] + offers[i + 1, j + 1, k]
-        remainder[k] = _BULGE * (abs(along) + abs(across) + abs(twist))
-
-
-@kernel
-def _set_node_remainder(leg: int, node: int, first_child: int, tree: Array, bounds: Array) -> None:
-    """Enclose the children's models in the node's; set its bounds, empty if those of all children are."""
-    tree[leg, node, :, REMAINDER] = -math.inf
-    for child in range(4):
-        if bounds[leg, first_child + child, 0, LOW] == math.inf:
-            continue
-        s, t = (child >> 1) - 0.5, (child & 1) - 0.5
-        for k in range(_OFFERS):
-            along, across = tree[leg, node, k, ALONG], tree[leg, node, k, ACROSS]
-            gap = tree[leg, first_child + child, k, CENTER] - tree[leg, node, k, CENTER] - s * along - t * across
-            reach = (
-                abs(gap)
-                + abs(tree[leg, first_child + child, k, ALONG] - 0.5 * along)
-                + abs(tree[leg, first_child + child, k, ACROSS] - 0.5 * across)
-                + tree[leg, first_child + child, k, REMAINDER]
-            )
-            tree[leg, node, k, REMAINDER] = max(tree[leg, node, k, REMAINDER], reach)
-    if tree[leg, node, 0, REMAINDER] == -math.inf:
-        bounds[leg, node, :, LOW] = math.inf
-        bounds[leg, node, :, HIGH] = -math.inf
-    else:
-        _set_bounds(leg, node, tree, bounds)
 
 
 @kernel
@@ -414,7 +198,7 @@ def _add_span(tree: Array, nodes: Integers, leg: int, other: int, search: Array,
         _add_offer(tree, nodes, leg, k, 2.0 * gap, row, test)
         _add_offer(tree, nodes, other, k, -2.0 * gap, row, test)
         test[row, size] -= gap * gap
-        swing = _spread(tree[leg, nodes[leg], k]) + _spread(tree[other, nodes[other], k])
+        swing = spread(tree[leg, nodes[leg], k]) + spread(tree[other, nodes[other], k])
         test[row, -1] += swing * swing
     test[row, size] -= search[_SPANS, leg + other - 1] ** 2
 
@@ -477,7 +261,7 @@ def join(
         depth = stack[top, leg_count]
         split, level = depth % leg_count, depth // leg_count
         for leg in range(leg_count):
-            nodes[leg] = stack[top, leg] + _node_offset(level + 1 if leg < split else level)
+            nodes[leg] = stack[top, leg] + node_offset(level + 1 if leg < split else level)
         if level >= _LINEAR_TEST_LEVEL and not _may_meet_linearly(tree, nodes, search, is_inverse, test):
             continue
         if level == levels:
@@ -490,10 +274,10 @@ def join(
             continue
         parent = stack[top, split]
         for child in range(4 * parent, 4 * parent + 4):
-            nodes[split] = child + _node_offset(level + 1)
+            nodes[split] = child + node_offset(level + 1)
             if _may_meet(bounds, nodes, search, is_inverse):
                 for leg in range(leg_count):
-                    stack[top, leg] = nodes[leg] - _node_offset(level + 1 if leg <= split else level)
+                    stack[top, leg] = nodes[leg] - node_offset(level + 1 if leg <= split else level)
                 stack[top, leg_count] = depth + 1
                 top += 1
     return count
@@ -528,15 +312,15 @@ def find_combinations(
     leg_count, count = legs.shape[0], 2**unit.levels
     work = make_workspace(leg_count, 2 * leg_count + pose.shape[0])
     set_inputs(legs, inputs, work)
-    offers = np.empty((2, count + 1, count + 1, _OFFERS))
-    tree = np.empty((leg_count, _node_offset(unit.levels + 1), _OFFERS, 4))
-    bounds = np.empty((leg_count, _node_offset(unit.levels + 1), _OFFERS, 2))
+    offers = np.empty((2, count + 1, count + 1, OFFERS))
+    tree = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 4))
+    bounds = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 2))
     for leg in range(leg_count):
         if is_inverse:
             set_inverse_offers(legs, leg, pose, unit, offers)
         else:
             set_forward_offers(legs, leg, unit, work, offers)
-        _fill_tree(unit.levels, offers, is_inverse, leg, tree, bounds)
+        fill_tree(unit.levels, offers, is_inverse, leg, tree, bounds)
     return join(unit.levels, tree, bounds, make_search(legs, load), is_inverse, combinations, starts)
 
 
@@ -544,7 +328,7 @@ def find_combinations(
 def _set_start_rods(combination: Integers, start: Array, unit: UnitRod, x: Array) -> None:
     count = 2**unit.levels
     for leg in range(combination.shape[0]):
-        side, i, j = _cell_of_leaf(combination[leg], unit.levels)
+        side, i, j = cell_of_leaf(combination[leg], unit.levels)
         rho = unit.rho_max * (i + 0.5 + 0.5 * start[2 * leg]) / count
         x[2 * leg], x[2 * leg + 1] = grid_load(rho, (j + 0.5 + 0.5 * start[2 * leg + 1]) / count, side)
 
@@ -638,7 +422,7 @@ def polish_inverse(
         for leg in range(leg_count):
             point = rod(x[2 * leg], x[2 * leg + 1])
             hinge_x, hinge_y = hinge(legs, leg, pose)
-            inputs[leg] = _reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
+            inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
         if solve_inverse_locally(legs, inputs, load, x, _POLISH_RULES, work) != CONVERGED:
             continue
         for leg in range(leg_count):

@@ -1,14 +1,17 @@
 """Every equilibrium at given inputs, and every set of inputs with its equilibria at a given pose."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from operator import contains
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels.enumeration import Found, UnitRod, find_combinations, make_unit_rod, polish_forward, polish_inverse
+from pcm_gym.kernels.cells import UnitRod, make_unit_rod
+from pcm_gym.kernels.enumeration import Found, find_combinations, polish_forward, polish_inverse
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import positive_number
+from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
@@ -19,6 +22,7 @@ _LEVELS = {2: 6, 3: 5}
 _FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 14, 1 << 24
 _MOST_FOUND = 4096
 _LARGEST_RHO = 30.0
+_REFINEMENTS = (0, 1, 2)
 
 
 def solve_forward(
@@ -62,16 +66,13 @@ def solve_forward(
     -----
     About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`.
     """
-    units = mechanism.units
     inputs = mechanism.check_inputs(inputs)
-    load = mechanism.check_load(load)
-    unit = _unit_rod(mechanism, rho_max, refinement)
-    wanted = _checked_modes(mechanism, modes)
-    scaled_inputs, scaled_load = inputs / units.inputs, load / units.load
-    combinations, starts = _combinations(mechanism, scaled_inputs, np.zeros(mechanism.dof), scaled_load, False, unit)
-    found = _empty(mechanism)
-    count = polish_forward(mechanism.leg_table, scaled_inputs, scaled_load, unit, combinations, starts, found)
-    return _sorted([Equilibrium(mechanism, found.x[row], inputs, load) for row in range(count)], wanted)
+    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
+    scaled = inputs / mechanism.units.inputs
+    combinations, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
+    found = problem.room()
+    count = polish_forward(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, combinations, starts, found)
+    return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)))
 
 
 def solve_inverse(
@@ -108,27 +109,71 @@ def solve_inverse(
     -----
     A few ms for two legs, about 0.1 s for a platform. A pose out of reach gives an empty tuple.
     """
-    units = mechanism.units
     pose = mechanism.check_pose(pose)
-    load = mechanism.check_load(load)
-    unit = _unit_rod(mechanism, rho_max, refinement)
-    wanted = _checked_modes(mechanism, modes)
-    scaled_pose, scaled_load = pose / units.pose, load / units.load
-    combinations, starts = _combinations(mechanism, np.zeros(mechanism.leg_count), scaled_pose, scaled_load, True, unit)
-    found = _empty(mechanism)
-    count = polish_inverse(mechanism.leg_table, scaled_pose, scaled_load, unit, combinations, starts, found)
-    return _sorted(
-        [Equilibrium(mechanism, found.x[row], found.inputs[row] * units.inputs, load) for row in range(count)], wanted
-    )
+    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
+    scaled = pose / mechanism.units.pose
+    combinations, starts = problem.combinations(np.zeros(mechanism.leg_count), scaled, is_inverse=True)
+    found = problem.room()
+    count = polish_inverse(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, combinations, starts, found)
+    return problem.solutions(found.x[:count], found.inputs[:count] * mechanism.units.inputs)
 
 
-def _unit_rod(mechanism: Mechanism, rho_max: float, refinement: int) -> UnitRod:
-    rho_max = positive_number("rho_max", rho_max)
-    if rho_max > _LARGEST_RHO:
-        raise ValueError(f"rho_max must be at most {_LARGEST_RHO}, got {rho_max}")
-    if refinement not in (0, 1, 2):
-        raise ValueError(f"refinement must be 0, 1 or 2, got {refinement!r}")
-    return _tabulated(_LEVELS[mechanism.leg_count] + refinement, rho_max)
+@dataclass(frozen=True)
+class _Problem:
+    """What the forward and the inverse problem have in common, validated."""
+
+    mechanism: Mechanism
+    load: Array
+    unit: UnitRod
+    modes: tuple[frozenset[int], ...] | None
+
+    @classmethod
+    def checked(
+        cls, mechanism: Mechanism, load: ArrayLike | None, rho_max: float, modes: Modes | None, refinement: int
+    ) -> "_Problem":
+        rho_max = positive_number("rho_max", rho_max)
+        if rho_max > _LARGEST_RHO:
+            raise ValueError(f"rho_max must be at most {_LARGEST_RHO}, got {rho_max}")
+        one_of("refinement", refinement, _REFINEMENTS)
+        unit = _tabulated(_LEVELS[mechanism.leg_count] + refinement, rho_max)
+        return cls(mechanism, mechanism.check_load(load), unit, _checked_modes(mechanism, modes))
+
+    @property
+    def scaled_load(self) -> Array:
+        scaled: Array = self.load / self.mechanism.units.load
+        return scaled
+
+    def combinations(self, inputs: Array, pose: Array, *, is_inverse: bool) -> tuple[NDArray[np.int64], Array]:
+        """Return the combinations of cells to be polished, (m, legs), and where to start in them, (m, 2 legs)."""
+        leg_count, capacity = self.mechanism.leg_count, _FIRST_CAPACITY
+        while capacity <= _LARGEST_CAPACITY:
+            combinations = np.empty((capacity, leg_count), dtype=np.int64)
+            starts = np.empty((capacity, 2 * leg_count))
+            count = find_combinations(
+                self.mechanism.leg_table, inputs, pose, self.scaled_load, is_inverse, self.unit, combinations, starts
+            )
+            if count <= capacity:
+                return combinations[:count], starts[:count]
+            capacity *= 8
+        raise ValueError(f"rho_max must be smaller for this mechanism: {self.unit.rho_max} leaves too many cells")
+
+    def room(self) -> Found:
+        """Return arrays for the equilibria to be found."""
+        mechanism = self.mechanism
+        return Found(
+            np.empty((_MOST_FOUND, mechanism.state_size)),
+            np.empty((_MOST_FOUND, mechanism.leg_count)),
+            np.empty(_MOST_FOUND, dtype=np.int64),
+        )
+
+    def solutions(self, states: Array, inputs: Array) -> tuple[Equilibrium, ...]:
+        """Return the equilibria in the modes asked for, by ascending energy."""
+        equilibria = [
+            Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
+        ]
+        if self.modes is not None:
+            equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
+        return tuple(sorted(equilibria, key=lambda found: found.energy))
 
 
 @lru_cache(maxsize=16)
@@ -136,45 +181,12 @@ def _tabulated(levels: int, rho_max: float) -> UnitRod:
     return make_unit_rod(levels, rho_max)
 
 
-def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> list[set[int]] | None:
+def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
     if modes is None:
         return None
     if len(modes) != mechanism.leg_count:
         raise ValueError(f"modes must have one entry per rod, {mechanism.leg_count}, got {modes!r}")
-    sets = [{int(mode)} if isinstance(mode, int | np.integer) else {int(one) for one in mode} for mode in modes]
+    sets = tuple(frozenset([entry] if isinstance(entry, int | np.integer) else entry) for entry in modes)
     if any(mode < 1 for allowed in sets for mode in allowed):
         raise ValueError(f"modes must be 1 or greater, got {modes!r}")
     return sets
-
-
-def _combinations(
-    mechanism: Mechanism, inputs: Array, pose: Array, load: Array, is_inverse: bool, unit: UnitRod
-) -> tuple[NDArray[np.int64], Array]:
-    """Return the combinations of cells to be polished, (m, legs), and where to start in them, (m, 2 legs)."""
-    capacity = _FIRST_CAPACITY
-    while capacity <= _LARGEST_CAPACITY:
-        combinations = np.empty((capacity, mechanism.leg_count), dtype=np.int64)
-        starts = np.empty((capacity, 2 * mechanism.leg_count))
-        count = find_combinations(mechanism.leg_table, inputs, pose, load, is_inverse, unit, combinations, starts)
-        if count <= capacity:
-            return combinations[:count], starts[:count]
-        capacity *= 8
-    raise ValueError(f"rho_max must be smaller for this mechanism: {unit.rho_max} leaves too many cells to examine")
-
-
-def _empty(mechanism: Mechanism) -> Found:
-    return Found(
-        np.empty((_MOST_FOUND, mechanism.state_size)),
-        np.empty((_MOST_FOUND, mechanism.leg_count)),
-        np.empty(_MOST_FOUND, dtype=np.int64),
-    )
-
-
-def _sorted(equilibria: list[Equilibrium], wanted: list[set[int]] | None) -> tuple[Equilibrium, ...]:
-    if wanted is not None:
-        equilibria = [
-            found
-            for found in equilibria
-            if all(mode in allowed for mode, allowed in zip(found.modes, wanted, strict=True))
-        ]
-    return tuple(sorted(equilibria, key=lambda found: found.energy))
