@@ -17,8 +17,8 @@ from pcm_gym.solving.equilibrium import Equilibrium
 Array = NDArray[np.float64]
 Modes = Sequence[int | Collection[int]]
 
-# Halvings of the rod's table: a point end-effector, a platform.
-_LEVELS = {2: 6, 3: 5}
+# Halvings of the rod's table. The forward problem of a platform, the costliest, makes do with one less.
+_LEVELS, _PLATFORM_FORWARD_LEVELS = 6, 5
 _FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 14, 1 << 24
 _MOST_FOUND = 4096
 _LARGEST_RHO = 30.0
@@ -67,7 +67,8 @@ def solve_forward(
     About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`.
     """
     inputs = mechanism.check_inputs(inputs)
-    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
+    levels = _LEVELS if mechanism.dof == 2 else _PLATFORM_FORWARD_LEVELS
+    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement, levels)
     scaled = inputs / mechanism.units.inputs
     combinations, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
     found = problem.room()
@@ -129,13 +130,19 @@ class _Problem:
 
     @classmethod
     def checked(
-        cls, mechanism: Mechanism, load: ArrayLike | None, rho_max: float, modes: Modes | None, refinement: int
+        cls,
+        mechanism: Mechanism,
+        load: ArrayLike | None,
+        rho_max: float,
+        modes: Modes | None,
+        refinement: int,
+        levels: int = _LEVELS,
     ) -> "_Problem":
         rho_max = positive_number("rho_max", rho_max)
         if rho_max > _LARGEST_RHO:
             raise ValueError(f"rho_max must be at most {_LARGEST_RHO}, got {rho_max}")
         one_of("refinement", refinement, _REFINEMENTS)
-        unit = _tabulated(_LEVELS[mechanism.leg_count] + refinement, rho_max)
+        unit = _tabulated(levels + refinement, rho_max)
         return cls(mechanism, mechanism.check_load(load), unit, _checked_modes(mechanism, modes))
 
     @property
