@@ -469,6 +469,14 @@ def test_stepping_past_the_end_is_refused_where_nothing_resets(environment_id: s
         env.step(env.action_space.sample())
 
 
+def test_stepping_before_the_first_reset_is_refused(environment_id: str) -> None:
+    env = make_native(environment_id, 2)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.step(env.action_space.sample())
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+
+
 def test_seeds_of_a_batch_are_those_of_its_rows(environment_id: str) -> None:
     env = make_native(environment_id, 3)
     by_number, by_list = env.reset(seed=7)[0], env.reset(seed=[7, 8, 9])[0]

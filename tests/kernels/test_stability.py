@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from pcm_gym.kernels.closure import evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.stability import assess_stability
 from pcm_gym.mechanism import Leg, Mechanism, Revolute
 from pcm_gym.solving import Equilibrium
 from tests.reference import discrete_energy
@@ -175,6 +177,25 @@ class TestTruss:
         jacobian = equilibrium.forward_jacobian
         assert np.isfinite(jacobian).all()
         np.testing.assert_allclose(jacobian, np.zeros((2, 2)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "state", [[0.0, 0.0, 0.0, 0.0, 0.0, 0.8], [-30.0, 0.0, 4.0, 0.0, 0.0, 0.8], [5.0, 1.0, -3.0, 0.0, 0.0, 0.8]]
+)
+def test_verdict_leaves_the_rod_table_as_it_was(state: list[float]) -> None:
+    """At a pole rods are judged beside where they are; what is computed next must not see that."""
+    mechanism = Mechanism("truss", tuple(Leg(Revolute((x, 0.0))) for x in (-0.6, 0.6)))
+    angle, legs, x = math.atan2(0.8, 0.6), np.array(mechanism.leg_table), np.array(state)
+    work = make_workspace(2, len(x))
+    set_inputs(legs, np.array([angle, math.pi - angle]), work)
+    evaluate_rods(legs, x, work)
+    table = work.rods.copy()
+    first = assess_stability(legs, x, work)
+    np.testing.assert_array_equal(work.rods, table)
+    np.testing.assert_array_equal(x, state)
+    assert assess_stability(legs, x, work) == first
+    assert math.isfinite(first.stability_margin)
+    assert math.isfinite(first.singularity_margin)
 
 
 def test_nan_is_neither_in_balance_nor_stable() -> None:

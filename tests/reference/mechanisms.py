@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import TIP_X, TIP_Y, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.closure import TIP_X, TIP_Y, TURN, evaluate_rods, make_workspace, set_inputs
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
+from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally, solve_inverse_locally
 from pcm_gym.kernels.rod import rod
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
 from pcm_gym.solving import Equilibrium
@@ -97,6 +97,31 @@ def find_equilibria(
     found = states[converged]
     _, keep = np.unique(np.round(found[:, 2 * mechanism.leg_count :], 5), axis=0, return_index=True)
     equilibria = [Equilibrium(mechanism, found[i], inputs, load) for i in sorted(keep)]
+    return [e for e in equilibria if max(rod.rho for rod in e.rods) <= rho_max]
+
+
+@kernel
+def newton_at_pose_from_all(legs: Array, load: Array, states: Array, inputs: Array) -> Array:
+    """Correct each pair of state (m, size) and inputs (m, legs), in place, at its pose; return which converged."""
+    work = make_workspace(legs.shape[0], states.shape[1])
+    converged = np.zeros(states.shape[0], dtype=np.bool_)
+    for n in range(states.shape[0]):
+        converged[n] = solve_inverse_locally(legs, inputs[n], load, states[n], _SEARCH_RULES, work) == CONVERGED
+    return converged
+
+
+def find_inverse_equilibria(
+    mechanism: Mechanism, pose: Array, load: Array, rng: np.random.Generator, starts: int = 2000, rho_max: float = 8.0
+) -> list[Equilibrium]:
+    """Return different equilibria at `pose` with every rho <= rho_max; some, not all."""
+    units, legs = mechanism.units, mechanism.leg_count
+    states = random_states(mechanism, rng, starts, rho_max)
+    states[:, 2 * legs :] = pose / units.pose
+    inputs = rng.uniform(-1.0, 1.0, (starts, legs)) * np.where(mechanism.leg_table[:, TURN] != 0.0, math.pi, 1.5)
+    converged = newton_at_pose_from_all(np.array(mechanism.leg_table), load / units.load, states, inputs)
+    states, inputs = states[converged], inputs[converged] * units.inputs
+    _, keep = np.unique(np.round(states[:, : 2 * legs], 4), axis=0, return_index=True)
+    equilibria = [Equilibrium(mechanism, states[i], inputs[i], load) for i in sorted(keep)]
     return [e for e in equilibria if max(rod.rho for rod in e.rods) <= rho_max]
 
 

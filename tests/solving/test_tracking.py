@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from pcm_gym.mechanism import Leg, Mechanism, Revolute
-from pcm_gym.solving import BranchTracker, Equilibrium, Event
+from pcm_gym.mechanism import Leg, Mechanism, Revolute, get_mechanism
+from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium
 from tests.reference.discrete_energy import DiscreteEnergy
 from tests.reference.folds import first_fold
 from tests.reference.mechanisms import (
@@ -148,6 +148,14 @@ class TestPitchfork:
         assert 0.0 < step.equilibrium.stability_margin < 0.1
         assert abs(step.equilibrium.pose[0]) < 1e-6
         np.testing.assert_allclose(step.equilibrium.load, step.fraction * load, rtol=1e-12)
+
+    def test_of_the_catalogued_mechanism_in_newtons(self) -> None:
+        mechanism = get_mechanism("2PFR")
+        home = home_equilibrium(mechanism)
+        step = BranchTracker(mechanism, home).step(home.inputs, (0.0, -5.0))
+        assert step.event == Event.INDEX_CHANGE
+        assert step.equilibrium.index == 0
+        assert 0.9 < step.fraction < 1.0
 
     @pytest.mark.parametrize("target", [-31.4, -32.0, -33.0, -34.0])
     def test_goes_through_on_request(self, home: Equilibrium, target: float) -> None:
