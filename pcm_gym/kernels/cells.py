@@ -42,6 +42,8 @@ LOW, HIGH = range(2)
 
 # The remainder of a cell's affine model, as multiples of the second differences: 1/8 would be exact for a parabola.
 _BULGE = 0.15
+# A cell in which the tip comes nearer to the motor than this part of its own extent is one in which the rod may turn.
+_CONE = 1.0
 # Weight c of the even part of the grid along b.
 _EVENNESS = 3.0
 _GRADE_STEPS = 8
@@ -149,7 +151,8 @@ def hinge(legs: Array, leg: int, pose: Array) -> tuple[float, float]:
 def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers: Array) -> None:
     """Fill `offers` with what a leg offers when its actuator brings the tip as near to its hinge as it can.
 
-    TIP_X holds the miss that remains (zero where the leg closes), FORCE and MOMENT the force at that input.
+    TIP_X holds the miss that remains (zero where the leg closes), TIP_Y the distance of the tip from a motor (inf for a
+    slider), FORCE and MOMENT the force at that input.
     """
     hinge_x, hinge_y = hinge(legs, leg, pose)
     length = legs[leg, LENGTH]
@@ -162,11 +165,11 @@ def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers
             for j in range(offers.shape[2]):
                 tip_x, tip_y = unit.values[side, i, j, 0], unit.values[side, i, j, 1]
                 force_x, force_y = unit.values[side, i, j, 2], unit.values[side, i, j, 3]
-                c, s = clamp_c, clamp_s
+                c, s, reach = clamp_c, clamp_s, math.inf
                 if legs[leg, TURN] != 0.0:
-                    reach = math.hypot(tip_x, tip_y)
-                    miss = length * reach - away
-                    scale = 1.0 / max(reach * away, 1e-12)
+                    reach = length * math.hypot(tip_x, tip_y)
+                    miss = reach - away
+                    scale = length / max(reach * away, 1e-12)
                     c = scale * (tip_x * away_x + tip_y * away_y)
                     s = scale * (tip_x * away_y - tip_y * away_x)
                 else:
@@ -174,20 +177,25 @@ def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers
                     gap_y = away_y - length * (s * tip_x + c * tip_y)
                     miss = legs[leg, AXIS_X] * gap_y - legs[leg, AXIS_Y] * gap_x
                 out = offers[side, i, j]
-                out[TIP_X], out[TIP_Y] = miss, 0.0
+                out[TIP_X], out[TIP_Y] = miss, reach
                 out[FORCE_X] = force * (c * force_x - s * force_y)
                 out[FORCE_Y] = force * (s * force_x + c * force_y)
                 out[MOMENT] = (hinge_x - pose[0]) * out[FORCE_Y] - (hinge_y - pose[1]) * out[FORCE_X]
 
 
 @kernel
-def fill_tree(levels: int, offers: Array, is_inverse: bool, leg: int, tree: Array, bounds: Array) -> None:
-    """Fill the models of one leg; in the inverse problem leave out the cells whose miss cannot vanish."""
+def fill_tree(levels: int, offers: Array, is_inverse: bool, arm: float, leg: int, tree: Array, bounds: Array) -> None:
+    """Fill the models of one leg; in the inverse problem leave out the cells whose miss cannot vanish.
+
+    `arm` is the distance of the leg's hinge from the end-effector's origin.
+    """
     start = node_offset(levels)
     for leaf in range(2 * 4**levels):
         side, i, j = cell_of_leaf(leaf, levels)
         _set_model(offers[side], i, j, 1, leg, start + leaf, tree)
         _set_cell_remainder(offers[side], i, j, tree[leg, start + leaf, :, REMAINDER])
+        if is_inverse and _turns_much(offers[side], i, j):
+            _allow_all_directions(offers[side], i, j, arm, tree[leg, start + leaf])
         _set_bounds(leg, start + leaf, tree, bounds)
         if is_inverse and not bounds[leg, start + leaf, 0, LOW] <= 0.0 <= bounds[leg, start + leaf, 0, HIGH]:
             bounds[leg, start + leaf, :, LOW] = math.inf
@@ -199,6 +207,33 @@ def fill_tree(levels: int, offers: Array, is_inverse: bool, leg: int, tree: Arra
             width = 2 ** (levels - level)
             _set_model(offers[side], i * width, j * width, width, leg, start + node, tree)
             _set_node_remainder(leg, start + node, below + 4 * node, tree, bounds)
+
+
+@kernel
+def _turns_much(offers: Array, i: int, j: int) -> bool:
+    """Return whether the reach of a motor's rod may be small in a cell against its change: the rod may turn any way.
+
+    TIP_Y of the inverse offers holds the reach.
+    """
+    first, second = offers[i, j, TIP_Y], offers[i + 1, j, TIP_Y]
+    third, fourth = offers[i, j + 1, TIP_Y], offers[i + 1, j + 1, TIP_Y]
+    low, high = min(first, second, third, fourth), max(first, second, third, fourth)
+    return bool(low < _CONE * max(high - low, 0.1 * high))
+
+
+@kernel
+def _allow_all_directions(offers: Array, i: int, j: int, arm: float, model: Array) -> None:
+    """Turn the model (5, 4) of a cell into one that knows only how large the offers are."""
+    reach = force = 0.0
+    for corner in range(4):
+        offer = offers[i + corner // 2, j + corner % 2]
+        reach = max(reach, offer[TIP_Y])
+        force = max(force, math.hypot(offer[FORCE_X], offer[FORCE_Y]))
+    away = offers[i, j, TIP_Y] - offers[i, j, TIP_X]
+    model[:, :] = 0.0
+    model[TIP_X, CENTER], model[TIP_X, REMAINDER] = reach - away, reach
+    model[FORCE_X, REMAINDER] = model[FORCE_Y, REMAINDER] = 1.5 * force
+    model[MOMENT, REMAINDER] = 1.5 * arm * force
 
 
 @kernel

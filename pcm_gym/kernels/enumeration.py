@@ -67,7 +67,10 @@ _LOAD, _ARMS, _SPANS = range(3)
 # From this level on, combinations are tested by the linear system of their models as well as by their bounds.
 _LINEAR_TEST_LEVEL = 5
 
-_POLISH_RULES = NewtonRules(first_correction=1.0, contraction=2.0, iterations=14)
+# Near a fold Newton's method halves the error at best, and the correction never falls below the noise.
+_POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40, residual=2e-15)
+# Local coordinates of the starts near a cell's corners.
+_CORNER = 0.6
 # States nearer than the first are one; states nearer than the second are one if they have the same index.
 _SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
 # Below this singularity margin an equilibrium may have a partner across a fold, from this distance on.
@@ -313,6 +316,7 @@ def find_combinations(
     work = make_workspace(leg_count, 2 * leg_count + pose.shape[0])
     set_inputs(legs, inputs, work)
     offers = np.empty((2, count + 1, count + 1, OFFERS))
+    search = make_search(legs, load)
     tree = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 4))
     bounds = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 2))
     for leg in range(leg_count):
@@ -320,8 +324,8 @@ def find_combinations(
             set_inverse_offers(legs, leg, pose, unit, offers)
         else:
             set_forward_offers(legs, leg, unit, work, offers)
-        fill_tree(unit.levels, offers, is_inverse, leg, tree, bounds)
-    return join(unit.levels, tree, bounds, make_search(legs, load), is_inverse, combinations, starts)
+        fill_tree(unit.levels, offers, is_inverse, search[_ARMS, leg], leg, tree, bounds)
+    return join(unit.levels, tree, bounds, search, is_inverse, combinations, starts)
 
 
 @kernel
@@ -416,19 +420,24 @@ def polish_inverse(
     work = make_workspace(leg_count, found.x.shape[1])
     x, inputs = np.empty(found.x.shape[1]), np.empty(leg_count)
     count = 0
+    start = np.empty(2 * leg_count)
     for n in range(combinations.shape[0]):
-        _set_start_rods(combinations[n], starts[n], unit, x)
-        x[2 * leg_count :] = pose
-        for leg in range(leg_count):
-            point = rod(x[2 * leg], x[2 * leg + 1])
-            hinge_x, hinge_y = hinge(legs, leg, pose)
-            inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-        if solve_inverse_locally(legs, inputs, load, x, _POLISH_RULES, work) != CONVERGED:
-            continue
-        for leg in range(leg_count):
-            if legs[leg, TURN] != 0.0:
-                inputs[leg] = _principal_angle(inputs[leg])
-        count = _keep(legs, x, inputs, unit.rho_max, work, found, count)
+        is_open = not starts[n].any()  # the models could not tell where in the cells: try their corners as well
+        for corner in range(-1, 4**leg_count if is_open else 0):
+            for k in range(2 * leg_count):
+                start[k] = starts[n, k] if corner < 0 else _CORNER * (2.0 * ((corner >> k) & 1) - 1.0)
+            _set_start_rods(combinations[n], start, unit, x)
+            x[2 * leg_count :] = pose
+            for leg in range(leg_count):
+                point = rod(x[2 * leg], x[2 * leg + 1])
+                hinge_x, hinge_y = hinge(legs, leg, pose)
+                inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
+            if solve_inverse_locally(legs, inputs, load, x, _POLISH_RULES, work) != CONVERGED:
+                continue
+            for leg in range(leg_count):
+                if legs[leg, TURN] != 0.0:
+                    inputs[leg] = _principal_angle(inputs[leg])
+            count = _keep(legs, x, inputs, unit.rho_max, work, found, count)
     return count
 
 

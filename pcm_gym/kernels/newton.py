@@ -37,6 +37,7 @@ class NewtonRules(NamedTuple):
     first_correction: float  # largest allowed first correction
     contraction: float  # largest allowed ratio of successive corrections
     iterations: int
+    residual: float = 0.0  # a state with errors of closure and force below this is accepted, whatever its correction
 
 
 @kernel
@@ -85,7 +86,8 @@ def solve_forward_locally(
     previous = math.inf
     for iteration in range(rules.iterations):
         evaluate_rods(legs, x, work)
-        set_residual(legs, x, load, work)
+        if max(set_residual(legs, x, load, work)) < rules.residual:
+            return CONVERGED
         if not solve_equilibrium_system(legs, x, work.residual, work):
             return SINGULAR
         size = correction_size(legs, x, work)

@@ -108,7 +108,8 @@ def solve_inverse(
 
     Notes
     -----
-    A few ms for two legs, about 0.1 s for a platform. A pose out of reach gives an empty tuple.
+    A few ms for two legs, about 0.1 s for a platform; up to a second where the tip is near a motor, about which the rod
+    may then turn any way. A pose out of reach gives an empty tuple.
     """
     pose = mechanism.check_pose(pose)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
