@@ -21,7 +21,7 @@ class EpisodeStatistics(BaseCallback):
     Parameters
     ----------
     earlier_cost
-        Cost of the training before this session.
+        Cost of the training before the run was resumed.
     window
         Number of episodes that the rates are taken over.
     """
