@@ -54,7 +54,6 @@ class UnitRod(NamedTuple):
 
     levels: int  # the grid has 2^levels cells along rho and along b, on either side of b = 0
     rho_max: float
-    loads: Array  # (2, n + 1, n + 1, 2): g
     values: Array  # (2, n + 1, n + 1, 4): tip and force in the clamp's frame
 
 
@@ -78,17 +77,15 @@ def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
 def make_unit_rod(levels: int, rho_max: float) -> UnitRod:
     """Return the unit rod tabulated for rho up to `rho_max`."""
     count = 2**levels
-    loads = np.zeros((2, count + 1, count + 1, 2))
     values = np.zeros((2, count + 1, count + 1, 4))
     for side in range(2):
         for i in range(count + 1):
             for j in range(count + 1):
                 g_x, g_y = grid_load(rho_max * i / count, j / count, side)
                 point = rod(g_x, g_y)
-                loads[side, i, j, 0], loads[side, i, j, 1] = g_x, g_y
                 values[side, i, j, 0], values[side, i, j, 1] = point.tip_x, point.tip_y
                 values[side, i, j, 2], values[side, i, j, 3] = point.force_x, point.force_y
-    return UnitRod(levels, rho_max, loads, values)
+    return UnitRod(levels, rho_max, values)
 
 
 @kernel

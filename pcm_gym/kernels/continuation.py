@@ -221,7 +221,13 @@ def _step_naturally(legs: Array, x: Array, line: Line, start: float, end: float,
     """Try to put the state at fraction `end` into `line.x`; return whether it is surely on the same branch."""
     for j in range(x.shape[0]):
         line.x[j] = x[j] + (end - start) * line.tangent[j]
-    _go_to(legs, line, end, work)
+    return _correct_on_branch(legs, line, end, index, work)
+
+
+@kernel
+def _correct_on_branch(legs: Array, line: Line, fraction: float, index: int, work: Workspace) -> bool:
+    """Correct `line.x` at this fraction; return whether it is surely on the branch with this index."""
+    _go_to(legs, line, fraction, work)
     if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
         return False
     evaluate_rods(legs, line.x, work)
@@ -416,11 +422,7 @@ def _step_onto(
     part = (reach - start) / (end - start)
     for j in range(x.shape[0]):
         line.x[j] = x[j] + part * (line.x[j] - x[j])
-    _go_to(legs, line, reach, work)
-    if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
-        return False
-    evaluate_rods(legs, line.x, work)
-    return assess_stability(legs, line.x, work).morse_index == index
+    return _correct_on_branch(legs, line, reach, index, work)
 
 
 @kernel

@@ -1,13 +1,10 @@
 """What is known of one equilibrium: residual, stability, energy, Jacobian; and a search from many starts."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.kernels.cells import hinge
 from pcm_gym.kernels.closure import (
-    ATTACH_X,
-    ATTACH_Y,
     LENGTH,
     STIFFNESS,
     Workspace,
@@ -148,11 +145,8 @@ def _find_rods_at_hinges(
     legs: Array, pose: Array, table: Array, rods: Array, counts: NDArray[np.int64], work: Workspace
 ) -> None:
     """Fill `rods` (legs, m, 2) with the loads of each leg's rods that reach its hinge at this pose."""
-    turn_c, turn_s = 1.0, 0.0
-    if pose.shape[0] == 3:
-        turn_c, turn_s = math.cos(pose[2]), math.sin(pose[2])
     for i in range(legs.shape[0]):
-        hinge_x = pose[0] + turn_c * legs[i, ATTACH_X] - turn_s * legs[i, ATTACH_Y] - work.clamps[i, 0]
-        hinge_y = pose[1] + turn_s * legs[i, ATTACH_X] + turn_c * legs[i, ATTACH_Y] - work.clamps[i, 1]
+        hinge_x, hinge_y = hinge(legs, i, pose)
+        away_x, away_y = hinge_x - work.clamps[i, 0], hinge_y - work.clamps[i, 1]
         c, s = work.clamps[i, 2] / legs[i, LENGTH], work.clamps[i, 3] / legs[i, LENGTH]
-        counts[i] = rods_at_tip(table, c * hinge_x + s * hinge_y, c * hinge_y - s * hinge_x, rods[i])
+        counts[i] = rods_at_tip(table, c * away_x + s * away_y, c * away_y - s * away_x, rods[i])
