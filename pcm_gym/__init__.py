@@ -8,6 +8,7 @@ from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mech
 from pcm_gym.solving import (
     BranchTracker,
     Equilibrium,
+    EquilibriumSet,
     Event,
     RodState,
     TrackedStep,
@@ -21,6 +22,7 @@ __all__ = [
     "BranchTracker",
     "Element",
     "Equilibrium",
+    "EquilibriumSet",
     "Event",
     "Leg",
     "Mechanism",

@@ -1,13 +1,16 @@
 """How every kernel is compiled: one decorator, one cache that can never serve stale code.
 
 Numba's on-disk cache looks only at the file of the compiled function itself, so a change in a function that it
-calls goes unnoticed. Here the cache folder carries a hash of all kernel sources instead.
+calls goes unnoticed. Here the cache folder of a module carries a hash of its source and of the sources of all kernel
+modules that it imports, directly or not: an edit recompiles what depends on it, and nothing else.
 """
 
+import ast
 import hashlib
 import os
 import sys
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,26 +20,46 @@ from numba.core import config, event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_PACKAGE = "pcm_gym.kernels"
 _KERNEL_FOLDER = Path(__file__).parent
 _DIGEST_LENGTH = 16
 
 
-def source_digest() -> str:
-    """Hexadecimal digest of the sources of all kernels and of the version of Numba."""
+@lru_cache(maxsize=256)
+def _imported(path: Path) -> frozenset[Path]:
+    """Return the kernel modules that a source file names in its imports."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            names.update([node.module], (f"{node.module}.{alias.name}" for alias in node.names))
+    files = (_KERNEL_FOLDER / f"{name.removeprefix(_PACKAGE + '.')}.py" for name in names)
+    return frozenset(file for file in files if file.exists())
+
+
+def source_digest(source: Path) -> str:
+    """Hexadecimal digest of a source file, of all kernel modules that it is built on, and of Numba's version."""
+    found, pending = {source}, [source]
+    while pending:
+        new = _imported(pending.pop()) - found
+        found |= new
+        pending.extend(new)
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(_KERNEL_FOLDER.glob("*.py")):
+    for path in sorted(found):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:_DIGEST_LENGTH]
 
 
-def cache_folder() -> Path:
-    """Folder of the compiled kernels: below ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache."""
-    root = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pcm_gym")
-    return Path(root) / f"kernels-{source_digest()}"
+def cache_root() -> Path:
+    """Folder of all compiled kernels: ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache."""
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pcm_gym"))
 
 
-_CACHE_FOLDER = str(cache_folder())
+@lru_cache(maxsize=256)
+def _cache_folder(source: Path) -> str:
+    return str(cache_root() / f"{source.stem}-{source_digest(source)}")
 
 
 def kernel(function: Function) -> Function:
@@ -45,7 +68,8 @@ def kernel(function: Function) -> Function:
     Division by zero follows IEEE 754 in every kernel (inf and nan, no exception), and fast-math is never used: it
     would make ``isnan`` constant. With ``NUMBA_DISABLE_JIT=1`` the plain Python function is returned.
     """
-    previous, config.CACHE_DIR = config.CACHE_DIR, _CACHE_FOLDER
+    previous = config.CACHE_DIR
+    config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename))
     try:
         return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
     finally:
@@ -64,7 +88,7 @@ class _CompilationNotice(event.Listener):
         if not self._said and module.startswith("pcm_gym."):
             self._said = True
             print(
-                f"pcm_gym: compiling the kernels, once for this version (about a minute), into {_CACHE_FOLDER}",
+                f"pcm_gym: compiling the kernels, once for this version (about a minute), into {cache_root()}",
                 file=sys.stderr,
                 flush=True,
             )

@@ -1,5 +1,6 @@
 """Rods, actuators and legs: the parts of a mechanism, as frozen and validated data."""
 
+import math
 from dataclasses import dataclass
 
 from pcm_gym.mechanism.validation import finite_number, finite_tuple, limit_pair, positive_number
@@ -48,6 +49,14 @@ class Revolute:
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
 
+    def clamp_point(self, value: float) -> tuple[float, float]:
+        """Return the clamped point at an input: the base, whatever the angle."""
+        return self.base
+
+    def distance(self, point: tuple[float, float]) -> float:
+        """Return the least distance, in m, of the clamped point from `point` over all inputs."""
+        return math.dist(self.base, point)
+
 
 @dataclass(frozen=True)
 class Prismatic:
@@ -75,6 +84,18 @@ class Prismatic:
         object.__setattr__(self, "axis_angle", finite_number("axis_angle", self.axis_angle))
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+
+    def clamp_point(self, value: float) -> tuple[float, float]:
+        """Return the clamped point, in m, at an input."""
+        return (
+            self.base[0] + value * math.cos(self.axis_angle),
+            self.base[1] + value * math.sin(self.axis_angle),
+        )
+
+    def distance(self, point: tuple[float, float]) -> float:
+        """Return the least distance, in m, of the clamped point from `point` over all inputs."""
+        away_x, away_y = point[0] - self.base[0], point[1] - self.base[1]
+        return abs(away_x * math.sin(self.axis_angle) - away_y * math.cos(self.axis_angle))
 
 
 @dataclass(frozen=True)

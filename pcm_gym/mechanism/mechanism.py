@@ -173,6 +173,14 @@ class Mechanism:
         full[:size] = finite_vector("load", load, size)
         return full
 
+    def hinges(self, pose: ArrayLike) -> NDArray[np.float64]:
+        """Return where the hinges are at a pose, (legs, 2), in m."""
+        pose = self.check_pose(pose)
+        phi = pose[2] if self.dof == 3 else 0.0
+        turn = np.array([[math.cos(phi), -math.sin(phi)], [math.sin(phi), math.cos(phi)]])
+        hinges: NDArray[np.float64] = pose[:2] + np.array([leg.attachment for leg in self.legs]) @ turn.T
+        return hinges
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the data alone; what is derived is made again."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}

@@ -1,8 +1,10 @@
 """Every equilibrium at given inputs, and every set of inputs with its equilibria at a given pose."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from operator import contains
 
 import numpy as np
@@ -10,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration import Found, find_combinations, polish_forward, polish_inverse
-from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.solutions import EquilibriumSet
 
 Array = NDArray[np.float64]
 Modes = Sequence[int | Collection[int]]
@@ -33,7 +36,7 @@ def solve_forward(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
-) -> tuple[Equilibrium, ...]:
+) -> EquilibriumSet:
     """Return every equilibrium at these inputs, stable or not, in all buckling modes, by ascending energy.
 
     The solutions are enumerated, not searched for from random starts: the surfaces of all equilibria of the rods are
@@ -55,7 +58,8 @@ def solve_forward(
 
     Returns
     -------
-    tuple of Equilibrium
+    EquilibriumSet
+        A sequence of `Equilibrium`; an empty one says why in its `reason`.
 
     Raises
     ------
@@ -70,10 +74,10 @@ def solve_forward(
     levels = _LEVELS if mechanism.dof == 2 else _PLATFORM_FORWARD_LEVELS
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement, levels)
     scaled = inputs / mechanism.units.inputs
-    combinations, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
+    cells, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
     found = problem.room()
-    count = polish_forward(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, combinations, starts, found)
-    return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)))
+    count = polish_forward(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, cells, starts, found)
+    return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)), _too_far_apart(mechanism, inputs))
 
 
 def solve_inverse(
@@ -84,7 +88,7 @@ def solve_inverse(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
-) -> tuple[Equilibrium, ...]:
+) -> EquilibriumSet:
     """Return every equilibrium at this pose with the inputs that hold it there, by ascending energy.
 
     Parameters
@@ -97,9 +101,9 @@ def solve_inverse(
 
     Returns
     -------
-    tuple of Equilibrium
-        Angles of revolute actuators are in (-pi, pi]. Inputs may be beyond the actuators' limits:
-        `Equilibrium.within_limits` tells.
+    EquilibriumSet
+        A sequence of `Equilibrium`; an empty one says why in its `reason`. Angles of revolute actuators are in
+        (-pi, pi]. Inputs may be beyond the actuators' limits: `Equilibrium.within_limits` tells.
 
     Raises
     ------
@@ -109,15 +113,16 @@ def solve_inverse(
     Notes
     -----
     A few ms for two legs, about 0.1 s for a platform; up to a second where the tip is near a motor, about which the rod
-    may then turn any way. A pose out of reach gives an empty tuple.
+    may then turn any way. A pose out of reach gives an empty set.
     """
     pose = mechanism.check_pose(pose)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled = pose / mechanism.units.pose
-    combinations, starts = problem.combinations(np.zeros(mechanism.leg_count), scaled, is_inverse=True)
+    cells, starts = problem.combinations(np.zeros(mechanism.leg_count), scaled, is_inverse=True)
     found = problem.room()
-    count = polish_inverse(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, combinations, starts, found)
-    return problem.solutions(found.x[:count], found.inputs[:count] * mechanism.units.inputs)
+    count = polish_inverse(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, cells, starts, found)
+    own_inputs = found.inputs[:count] * mechanism.units.inputs
+    return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
 
 
 @dataclass(frozen=True)
@@ -155,13 +160,13 @@ class _Problem:
         """Return the combinations of cells to be polished, (m, legs), and where to start in them, (m, 2 legs)."""
         leg_count, capacity = self.mechanism.leg_count, _FIRST_CAPACITY
         while capacity <= _LARGEST_CAPACITY:
-            combinations = np.empty((capacity, leg_count), dtype=np.int64)
+            cells = np.empty((capacity, leg_count), dtype=np.int64)
             starts = np.empty((capacity, 2 * leg_count))
             count = find_combinations(
-                self.mechanism.leg_table, inputs, pose, self.scaled_load, is_inverse, self.unit, combinations, starts
+                self.mechanism.leg_table, inputs, pose, self.scaled_load, is_inverse, self.unit, cells, starts
             )
             if count <= capacity:
-                return combinations[:count], starts[:count]
+                return cells[:count], starts[:count]
             capacity *= 8
         raise ValueError(f"rho_max must be smaller for this mechanism: {self.unit.rho_max} leaves too many cells")
 
@@ -174,14 +179,16 @@ class _Problem:
             np.empty(_MOST_FOUND, dtype=np.int64),
         )
 
-    def solutions(self, states: Array, inputs: Array) -> tuple[Equilibrium, ...]:
-        """Return the equilibria in the modes asked for, by ascending energy."""
+    def solutions(self, states: Array, inputs: Array, obstacle: str) -> EquilibriumSet:
+        """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
         equilibria = [
             Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
         ]
-        if self.modes is not None:
+        reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.unit.rho_max:g}"
+        if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
-        return tuple(sorted(equilibria, key=lambda found: found.energy))
+            reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
+        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason)
 
 
 @lru_cache(maxsize=16)
@@ -198,3 +205,26 @@ def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset
     if any(mode < 1 for allowed in sets for mode in allowed):
         raise ValueError(f"modes must be 1 or greater, got {modes!r}")
     return sets
+
+
+def _too_far_apart(mechanism: Mechanism, inputs: Array) -> str:
+    """Return which clamps are too far apart for their rods to meet; nothing if none are."""
+    clamps = np.array([leg.actuator.clamp_point(value) for leg, value in zip(mechanism.legs, inputs, strict=True)])
+    for (i, first), (j, second) in combinations(enumerate(mechanism.legs), 2):
+        distance = math.dist(clamps[i], clamps[j])
+        span = math.dist(first.attachment, second.attachment)
+        reach = first.rod.length + second.rod.length + span
+        if distance > reach:
+            return f"the clamps of legs {i} and {j} are {distance:g} apart and their rods reach {reach:g}"
+    return ""
+
+
+def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
+    """Return which leg cannot reach its hinge at this pose whatever its input; nothing if all can."""
+    for i, (leg, hinge) in enumerate(zip(mechanism.legs, mechanism.hinges(pose), strict=True)):
+        distance = leg.actuator.distance(hinge)
+        if distance > leg.rod.length:
+            return f"the hinge of leg {i} is {distance:g} from its actuator and the rod is {leg.rod.length:g} long"
+        if distance == 0.0 and isinstance(leg.actuator, Revolute):
+            return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
+    return ""

@@ -61,29 +61,40 @@ def copied_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_digest_depends_on_every_kernel_file(copied_kernels: Path) -> None:
-    files = sorted(copied_kernels.glob("*.py"))
-    assert len(files) > 5
-    digests = {compilation.source_digest()}
-    assert digests == {compilation.source_digest()}
-    for path in files:
+def modules_below(name: str) -> set[str]:
+    """Return the kernel modules that are loaded when a fresh interpreter imports one."""
+    code = (
+        "import sys, types, pathlib\n"
+        "package = types.ModuleType('pcm_gym'); package.__path__ = ['pcm_gym']; sys.modules['pcm_gym'] = package\n"
+        f"import pcm_gym.kernels.{name}\n"
+        "print(*(m.rsplit('.', 1)[1] for m in sys.modules if m.startswith('pcm_gym.kernels.')))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(result.stdout.split())
+
+
+@pytest.mark.parametrize("name", ["rod", "linear", "continuation", "enumeration", "transition"])
+def test_digest_depends_on_exactly_the_modules_that_an_import_loads(name: str, copied_kernels: Path) -> None:
+    expected = modules_below(name)
+    assert len(expected) > 1
+    for path in sorted(copied_kernels.glob("[a-z]*.py")):
+        before = compilation.source_digest(copied_kernels / f"{name}.py")
         path.write_text(path.read_text() + "# \n")
-        digests.add(compilation.source_digest())
-    (copied_kernels / "another.py").touch()
-    digests.add(compilation.source_digest())
-    (copied_kernels / "another.py").rename(copied_kernels / "renamed.py")
-    digests.add(compilation.source_digest())
-    assert len(digests) == len(files) + 3
+        changed = compilation.source_digest(copied_kernels / f"{name}.py") != before
+        assert changed == (path.stem in expected), path.stem
 
 
 def test_digest_depends_on_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = compilation.source_digest()
+    source = ROOT / "pcm_gym" / "kernels" / "elliptic.py"
+    before = compilation.source_digest(source)
     monkeypatch.setattr(compilation.numba, "__version__", "0.0")
-    assert compilation.source_digest() != before
+    assert compilation.source_digest(source) != before
 
 
-def test_cache_folder_carries_the_digest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_cache_is_where_the_environment_says_or_in_the_users_cache(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert compilation.cache_folder() == tmp_path / f"kernels-{compilation.source_digest()}"
+    assert compilation.cache_root() == tmp_path
     monkeypatch.delenv("NUMBA_CACHE_DIR")
-    assert compilation.cache_folder().parent.name == "pcm_gym"
+    assert compilation.cache_root().name == "pcm_gym"

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
-from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium, solve_forward, solve_inverse
+from pcm_gym.solving import (
+    BranchTracker,
+    Equilibrium,
+    EquilibriumSet,
+    Event,
+    home_equilibrium,
+    solve_forward,
+    solve_inverse,
+)
 from tests.reference.mechanisms import find_equilibria, find_inverse_equilibria
 
 RHO_MAX = 9.0
@@ -46,10 +54,10 @@ class Problem:
             return Leg(Revolute(base, clamp_angle=rng.uniform(-1.0, 1.0)), rod)
         return Leg(Prismatic(base, rng.uniform(0.0, math.pi), rng.uniform(0.0, math.pi)), rod)
 
-    def forward(self, rho_max: float = RHO_MAX, refinement: int = 0) -> tuple[Equilibrium, ...]:
+    def forward(self, rho_max: float = RHO_MAX, refinement: int = 0) -> Sequence[Equilibrium]:
         return solve_forward(self.mechanism, self.inputs, self.load, rho_max, refinement=refinement)
 
-    def inverse(self, rho_max: float = RHO_MAX, refinement: int = 0) -> tuple[Equilibrium, ...]:
+    def inverse(self, rho_max: float = RHO_MAX, refinement: int = 0) -> Sequence[Equilibrium]:
         return solve_inverse(self.mechanism, self.pose, self.load, rho_max, refinement=refinement)
 
     def __repr__(self) -> str:
@@ -72,6 +80,10 @@ def gap(one: Equilibrium, other: Equilibrium) -> float:
 
 def members(equilibrium: Equilibrium, found: Sequence[Equilibrium], tolerance: float = 1e-6) -> list[Equilibrium]:
     return [other for other in found if gap(equilibrium, other) < tolerance]
+
+
+def both(case: Problem) -> list[Equilibrium]:
+    return [*case.forward(), *case.inverse()]
 
 
 def unmatched(some: Sequence[Equilibrium], others: Sequence[Equilibrium]) -> list[Equilibrium]:
@@ -204,7 +216,7 @@ class TestSets:
     def test_are_the_same_every_time(self) -> None:
         for seed in self.SEEDS[:5]:
             case = Problem(seed)
-            for one, other in zip(case.forward() + case.inverse(), case.forward() + case.inverse(), strict=True):
+            for one, other in zip(both(case), both(case), strict=True):
                 np.testing.assert_array_equal(one.state, other.state)
                 np.testing.assert_array_equal(one.inputs, other.inputs)
 
@@ -580,18 +592,46 @@ class TestMisuse:
         with pytest.raises(ValueError, match=message):
             solve(self.MECHANISM, [0.1, 0.5], **arguments)
 
+    @staticmethod
+    def assert_empty(found: EquilibriumSet, reason: str) -> None:
+        assert len(found) == 0
+        assert reason in found.reason
+        assert reason in repr(found)
+
     @pytest.mark.parametrize("pose", [(5.0, 0.0), (0.0, 1.2), (0.0, -1.0), (1e6, 1e6)])
     def test_pose_out_of_reach(self, pose: tuple[float, float]) -> None:
-        assert solve_inverse(self.MECHANISM, pose) == ()
+        self.assert_empty(solve_inverse(self.MECHANISM, pose), "from its actuator and the rod is 1 long")
+
+    def test_pose_beyond_the_rods_of_sliders(self) -> None:
+        found = solve_inverse(get_mechanism("2PFR"), (3.0, 0.0))
+        self.assert_empty(found, "the hinge of leg 0 is 3.2 from its actuator and the rod is 1 long")
 
     def test_pose_of_a_platform_out_of_reach(self) -> None:
-        assert solve_inverse(get_mechanism("3PFR"), (5.0, 0.0, 0.0), rho_max=7.0) == ()
+        found = solve_inverse(get_mechanism("3PFR"), (5.0, 0.0, 0.0), rho_max=7.0)
+        self.assert_empty(found, "from its actuator and the rod is 1 long")
+
+    def test_pose_on_a_motor(self) -> None:
+        base = self.MECHANISM.legs[1].actuator.base
+        self.assert_empty(solve_inverse(self.MECHANISM, base), "the hinge of leg 1 is on its motor")
 
     def test_bases_too_far_apart(self) -> None:
-        assert solve_forward(two_motors(2.5), [0.0, math.pi]) == ()
+        found = solve_forward(two_motors(2.5), [0.0, math.pi])
+        self.assert_empty(found, "the clamps of legs 0 and 1 are 2.5 apart and their rods reach 2")
 
     def test_range_too_small(self) -> None:
-        assert solve_forward(self.MECHANISM, TestOutsideNumbers.INPUTS, rho_max=1.0) == ()
+        found = solve_forward(self.MECHANISM, TestOutsideNumbers.INPUTS, rho_max=1.0)
+        self.assert_empty(found, "no equilibrium has all rods' rho <= 1")
+
+    def test_modes_that_no_solution_has(self) -> None:
+        found = solve_forward(self.MECHANISM, TestOutsideNumbers.INPUTS, modes=[7, 7])
+        self.assert_empty(found, "equilibria is in the modes asked for")
+
+    def test_a_set_with_members_needs_no_reason(self) -> None:
+        found = solve_forward(self.MECHANISM, TestOutsideNumbers.INPUTS)
+        assert found.reason == ""
+        assert repr(found[0]) in repr(found)
+        assert found[1:3] == tuple(found)[1:3]
+        assert found.stable == tuple(equilibrium for equilibrium in found if equilibrium.index == 0)
 
     def test_arguments_are_left_alone(self) -> None:
         inputs, pose, load = np.array([2.0, 1.0]), np.array([0.1, 0.6]), np.array([0.3, -0.4])
