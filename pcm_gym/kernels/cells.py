@@ -1,9 +1,9 @@
-"""What each leg offers to a mechanism, over all equilibria of its rod, in cells with affine models.
+"""What each leg offers to a mechanism at a given pose, over all equilibria of its rod, in cells with affine models.
 
-The equilibria of one rod are a plane, and what a leg offers (where its tip is, which force it takes, that force's
-moment) is a smooth surface over it. The surface is cut into cells; what a cell offers is enclosed in an affine model
-with a remainder; the cells are gathered in a tree. The unit rod's surface is tabulated once and serves every rod by
-scaling and rotation. Cells are graded towards tension (b = 0), where b lives on the scale exp(-rho).
+The equilibria of one rod are a plane, and what a leg offers (by how much it misses its hinge, which force it takes, and
+the moment of that) is a smooth surface over it. The surface is cut into cells; what a cell offers is enclosed in an
+affine model with a remainder; the cells are gathered in a tree. The unit rod's surface is tabulated once and serves
+every rod by scaling and rotation. Cells are graded towards tension (b = 0), where b lives on the scale exp(-rho).
 """
 
 import math
@@ -23,7 +23,6 @@ from pcm_gym.kernels.closure import (
     LENGTH,
     STIFFNESS,
     TURN,
-    Workspace,
 )
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.rod import rod
@@ -31,7 +30,7 @@ from pcm_gym.kernels.rod import rod
 Array = NDArray[np.float64]
 
 # What a cell offers.
-TIP_X, TIP_Y, FORCE_X, FORCE_Y, MOMENT = range(5)
+MISS, REACH, FORCE_X, FORCE_Y, MOMENT = range(5)
 OFFERS = 5
 
 # The tree (legs, nodes, offers, columns) holds an affine model of each offer of each cell and node, level by level, the
@@ -105,25 +104,6 @@ def cell_of_leaf(leaf: int, levels: int) -> tuple[int, int, int]:
 
 
 @kernel
-def set_forward_offers(legs: Array, leg: int, unit: UnitRod, work: Workspace, offers: Array) -> None:
-    """Fill `offers` (2, n + 1, n + 1, 5) with what a leg offers at the clamps of the workspace."""
-    length = legs[leg, LENGTH]
-    force = legs[leg, STIFFNESS] / (length * length)
-    base_x, base_y, c, s = work.clamps[leg, 0], work.clamps[leg, 1], work.clamps[leg, 2], work.clamps[leg, 3]
-    for side in range(2):
-        for i in range(offers.shape[1]):
-            for j in range(offers.shape[2]):
-                tip_x, tip_y = unit.values[side, i, j, 0], unit.values[side, i, j, 1]
-                force_x, force_y = unit.values[side, i, j, 2], unit.values[side, i, j, 3]
-                out = offers[side, i, j]
-                out[TIP_X] = base_x + length * (c * tip_x - s * tip_y)
-                out[TIP_Y] = base_y + length * (s * tip_x + c * tip_y)
-                out[FORCE_X] = force * (c * force_x - s * force_y)
-                out[FORCE_Y] = force * (s * force_x + c * force_y)
-                out[MOMENT] = out[TIP_X] * out[FORCE_Y] - out[TIP_Y] * out[FORCE_X]
-
-
-@kernel
 def reaching_input(legs: Array, leg: int, hinge_x: float, hinge_y: float, tip_x: float, tip_y: float) -> float:
     """Return the input that brings a rod's tip, clamp's frame, to the hinge, or as near as this actuator can."""
     length = legs[leg, LENGTH]
@@ -145,10 +125,10 @@ def hinge(legs: Array, leg: int, pose: Array) -> tuple[float, float]:
 
 
 @kernel
-def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers: Array) -> None:
+def set_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers: Array) -> None:
     """Fill `offers` with what a leg offers when its actuator brings the tip as near to its hinge as it can.
 
-    TIP_X holds the miss that remains (zero where the leg closes), TIP_Y the distance of the tip from a motor (inf for a
+    MISS holds the miss that remains (zero where the leg closes), REACH the distance of the tip from a motor (inf for a
     slider), FORCE and MOMENT the force at that input.
     """
     hinge_x, hinge_y = hinge(legs, leg, pose)
@@ -174,15 +154,15 @@ def set_inverse_offers(legs: Array, leg: int, pose: Array, unit: UnitRod, offers
                     gap_y = away_y - length * (s * tip_x + c * tip_y)
                     miss = legs[leg, AXIS_X] * gap_y - legs[leg, AXIS_Y] * gap_x
                 out = offers[side, i, j]
-                out[TIP_X], out[TIP_Y] = miss, reach
+                out[MISS], out[REACH] = miss, reach
                 out[FORCE_X] = force * (c * force_x - s * force_y)
                 out[FORCE_Y] = force * (s * force_x + c * force_y)
                 out[MOMENT] = (hinge_x - pose[0]) * out[FORCE_Y] - (hinge_y - pose[1]) * out[FORCE_X]
 
 
 @kernel
-def fill_tree(levels: int, offers: Array, is_inverse: bool, arm: float, leg: int, tree: Array, bounds: Array) -> None:
-    """Fill the models of one leg; in the inverse problem leave out the cells whose miss cannot vanish.
+def fill_tree(levels: int, offers: Array, arm: float, leg: int, tree: Array, bounds: Array) -> None:
+    """Fill the models of one leg; leave out the cells whose miss cannot vanish.
 
     `arm` is the distance of the leg's hinge from the end-effector's origin.
     """
@@ -191,10 +171,10 @@ def fill_tree(levels: int, offers: Array, is_inverse: bool, arm: float, leg: int
         side, i, j = cell_of_leaf(leaf, levels)
         _set_model(offers[side], i, j, 1, leg, start + leaf, tree)
         _set_cell_remainder(offers[side], i, j, tree[leg, start + leaf, :, REMAINDER])
-        if is_inverse and _turns_much(offers[side], i, j):
+        if _turns_much(offers[side], i, j):
             _allow_all_directions(offers[side], i, j, arm, tree[leg, start + leaf])
         _set_bounds(leg, start + leaf, tree, bounds)
-        if is_inverse and not bounds[leg, start + leaf, 0, LOW] <= 0.0 <= bounds[leg, start + leaf, 0, HIGH]:
+        if not bounds[leg, start + leaf, MISS, LOW] <= 0.0 <= bounds[leg, start + leaf, MISS, HIGH]:
             bounds[leg, start + leaf, :, LOW] = math.inf
             bounds[leg, start + leaf, :, HIGH] = -math.inf
     for level in range(levels - 1, -1, -1):
@@ -208,12 +188,9 @@ def fill_tree(levels: int, offers: Array, is_inverse: bool, arm: float, leg: int
 
 @kernel
 def _turns_much(offers: Array, i: int, j: int) -> bool:
-    """Return whether the reach of a motor's rod may be small in a cell against its change: the rod may turn any way.
-
-    TIP_Y of the inverse offers holds the reach.
-    """
-    first, second = offers[i, j, TIP_Y], offers[i + 1, j, TIP_Y]
-    third, fourth = offers[i, j + 1, TIP_Y], offers[i + 1, j + 1, TIP_Y]
+    """Return whether the reach of a motor's rod may be small in a cell against its change: the rod may turn any way."""
+    first, second = offers[i, j, REACH], offers[i + 1, j, REACH]
+    third, fourth = offers[i, j + 1, REACH], offers[i + 1, j + 1, REACH]
     low, high = min(first, second, third, fourth), max(first, second, third, fourth)
     return bool(low < _CONE * max(high - low, 0.1 * high))
 
@@ -224,11 +201,11 @@ def _allow_all_directions(offers: Array, i: int, j: int, arm: float, model: Arra
     reach = force = 0.0
     for corner in range(4):
         offer = offers[i + corner // 2, j + corner % 2]
-        reach = max(reach, offer[TIP_Y])
+        reach = max(reach, offer[REACH])
         force = max(force, math.hypot(offer[FORCE_X], offer[FORCE_Y]))
-    away = offers[i, j, TIP_Y] - offers[i, j, TIP_X]
+    away = offers[i, j, REACH] - offers[i, j, MISS]
     model[:, :] = 0.0
-    model[TIP_X, CENTER], model[TIP_X, REMAINDER] = reach - away, reach
+    model[MISS, CENTER], model[MISS, REMAINDER] = reach - away, reach
     model[FORCE_X, REMAINDER] = model[FORCE_Y, REMAINDER] = 1.5 * force
     model[MOMENT, REMAINDER] = 1.5 * arm * force
 

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels.cells import UnitRod, make_unit_rod
-from pcm_gym.kernels.enumeration import Found, find_combinations, polish_forward, polish_inverse
+from pcm_gym.kernels.forward_search import find_starts, polish_starts
+from pcm_gym.kernels.found import Found
+from pcm_gym.kernels.inverse_search import find_combinations, polish_combinations
+from pcm_gym.kernels.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -20,9 +23,9 @@ from pcm_gym.solving.solutions import EquilibriumSet
 Array = NDArray[np.float64]
 Modes = Sequence[int | Collection[int]]
 
-# Halvings of the rod's table. The forward problem of a platform, the costliest, makes do with one less.
-_LEVELS, _PLATFORM_FORWARD_LEVELS = 6, 5
-_FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 14, 1 << 24
+# Halvings of the rod's table for the inverse problem.
+_LEVELS = 6
+_CAPACITIES = (1 << 15, 1 << 18, 1 << 21)
 _MOST_FOUND = 4096
 _LARGEST_RHO = 30.0
 _REFINEMENTS = (0, 1, 2)
@@ -39,8 +42,8 @@ def solve_forward(
 ) -> EquilibriumSet:
     """Return every equilibrium at these inputs, stable or not, in all buckling modes, by ascending energy.
 
-    The solutions are enumerated, not searched for from random starts: the surfaces of all equilibria of the rods are
-    cut into cells, and every combination of cells that may close and balance is examined.
+    The solutions are enumerated, not searched for from random starts: the poses of the end-effector are cut into cells,
+    and in each every combination of the rods' sheets for which the forces may balance is examined.
 
     Parameters
     ----------
@@ -68,15 +71,22 @@ def solve_forward(
 
     Notes
     -----
-    About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`.
+    A few ms for two legs and about 0.1 s for a platform, rising steeply with `rho_max`; the first call with a new
+    `rho_max` tabulates the rod, which takes some tenths of a second.
     """
     inputs = mechanism.check_inputs(inputs)
-    levels = _LEVELS if mechanism.dof == 2 else _PLATFORM_FORWARD_LEVELS
-    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement, levels)
-    scaled = inputs / mechanism.units.inputs
-    cells, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
+    problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
+    scaled, legs = inputs / mechanism.units.inputs, mechanism.leg_table
+    sheets = _sheets(problem.rho_max, problem.refinement)
+    for capacity in _CAPACITIES:
+        starts = np.empty((capacity, mechanism.state_size))
+        start_count = find_starts(legs, scaled, problem.scaled_load, sheets, starts)
+        if start_count <= capacity:
+            break
+    else:
+        raise problem.too_large()
     found = problem.room()
-    count = polish_forward(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, cells, starts, found)
+    count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts[:start_count], found)
     return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)), _too_far_apart(mechanism, inputs))
 
 
@@ -117,12 +127,30 @@ def solve_inverse(
     """
     pose = mechanism.check_pose(pose)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled = pose / mechanism.units.pose
-    cells, starts = problem.combinations(np.zeros(mechanism.leg_count), scaled, is_inverse=True)
+    scaled, legs = pose / mechanism.units.pose, mechanism.leg_table
+    unit = _unit_rod(problem.rho_max, problem.refinement)
+    for capacity in _CAPACITIES:
+        cells = np.empty((capacity, mechanism.leg_count), dtype=np.int64)
+        starts = np.empty((capacity, 2 * mechanism.leg_count))
+        cell_count = find_combinations(legs, scaled, problem.scaled_load, unit, cells, starts)
+        if cell_count <= capacity:
+            break
+    else:
+        raise problem.too_large()
     found = problem.room()
-    count = polish_inverse(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, cells, starts, found)
+    count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells[:cell_count], starts[:cell_count], found)
     own_inputs = found.inputs[:count] * mechanism.units.inputs
     return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
+
+
+@lru_cache(maxsize=8)
+def _sheets(rho_max: float, refinement: int) -> Sheets:
+    return make_sheets(rho_max, refinement)
+
+
+@lru_cache(maxsize=16)
+def _unit_rod(rho_max: float, refinement: int) -> UnitRod:
+    return make_unit_rod(_LEVELS + refinement, rho_max)
 
 
 @dataclass(frozen=True)
@@ -131,44 +159,28 @@ class _Problem:
 
     mechanism: Mechanism
     load: Array
-    unit: UnitRod
+    rho_max: float
     modes: tuple[frozenset[int], ...] | None
+    refinement: int
 
     @classmethod
     def checked(
-        cls,
-        mechanism: Mechanism,
-        load: ArrayLike | None,
-        rho_max: float,
-        modes: Modes | None,
-        refinement: int,
-        levels: int = _LEVELS,
+        cls, mechanism: Mechanism, load: ArrayLike | None, rho_max: float, modes: Modes | None, refinement: int
     ) -> "_Problem":
         rho_max = positive_number("rho_max", rho_max)
         if rho_max > _LARGEST_RHO:
             raise ValueError(f"rho_max must be at most {_LARGEST_RHO}, got {rho_max}")
         one_of("refinement", refinement, _REFINEMENTS)
-        unit = _tabulated(levels + refinement, rho_max)
-        return cls(mechanism, mechanism.check_load(load), unit, _checked_modes(mechanism, modes))
+        return cls(mechanism, mechanism.check_load(load), rho_max, _checked_modes(mechanism, modes), refinement)
 
     @property
     def scaled_load(self) -> Array:
         scaled: Array = self.load / self.mechanism.units.load
         return scaled
 
-    def combinations(self, inputs: Array, pose: Array, *, is_inverse: bool) -> tuple[NDArray[np.int64], Array]:
-        """Return the combinations of cells to be polished, (m, legs), and where to start in them, (m, 2 legs)."""
-        leg_count, capacity = self.mechanism.leg_count, _FIRST_CAPACITY
-        while capacity <= _LARGEST_CAPACITY:
-            cells = np.empty((capacity, leg_count), dtype=np.int64)
-            starts = np.empty((capacity, 2 * leg_count))
-            count = find_combinations(
-                self.mechanism.leg_table, inputs, pose, self.scaled_load, is_inverse, self.unit, cells, starts
-            )
-            if count <= capacity:
-                return cells[:count], starts[:count]
-            capacity *= 8
-        raise ValueError(f"rho_max must be smaller for this mechanism: {self.unit.rho_max} leaves too many cells")
+    def too_large(self) -> ValueError:
+        """Return the error of a problem that leaves more to examine than fits into memory."""
+        return ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
 
     def room(self) -> Found:
         """Return arrays for the equilibria to be found."""
@@ -184,16 +196,11 @@ class _Problem:
         equilibria = [
             Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
         ]
-        reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.unit.rho_max:g}"
+        reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
         return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason)
-
-
-@lru_cache(maxsize=16)
-def _tabulated(levels: int, rho_max: float) -> UnitRod:
-    return make_unit_rod(levels, rho_max)
 
 
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:

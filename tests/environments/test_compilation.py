@@ -73,7 +73,7 @@ def modules_below(name: str) -> set[str]:
     return set(result.stdout.split())
 
 
-@pytest.mark.parametrize("name", ["rod", "linear", "continuation", "enumeration", "transition"])
+@pytest.mark.parametrize("name", ["rod", "linear", "continuation", "forward_search", "transition"])
 def test_digest_depends_on_exactly_the_modules_that_an_import_loads(name: str, copied_kernels: Path) -> None:
     expected = modules_below(name)
     assert len(expected) > 1
