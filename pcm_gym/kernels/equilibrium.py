@@ -1,9 +1,8 @@
-"""What is known of one equilibrium: residual, stability, energy, Jacobian; and a search from many starts."""
+"""What is known of one equilibrium: residual, stability, energy, Jacobian and shape."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.cells import hinge
 from pcm_gym.kernels.closure import (
     LENGTH,
     STIFFNESS,
@@ -16,15 +15,10 @@ from pcm_gym.kernels.closure import (
     solve_equilibrium_system,
 )
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.rod import rod_energy, rod_parameters, rod_shape
-from pcm_gym.kernels.rod_table import rods_at_tip
 from pcm_gym.kernels.stability import assess_stability
 
 Array = NDArray[np.float64]
-
-_SEARCH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=30)
-_MOST_RODS = 24
 
 
 @kernel
@@ -110,43 +104,3 @@ def set_world_shapes(legs: Array, x: Array, inputs: Array, shapes: Array) -> Non
             along, across = shape[n, 0], shape[n, 1]
             shape[n, 0] = work.clamps[i, 0] + c * along - s * across
             shape[n, 1] = work.clamps[i, 1] + s * along + c * across
-
-
-@kernel
-def search_forward(legs: Array, inputs: Array, load: Array, poses: Array, table: Array, found: Array) -> int:
-    """Look for equilibria near `poses` (m, d); put those met first into `found` (n, size), return how many.
-
-    At each pose every combination of rods that reach their hinges is a start for Newton's method on the whole
-    mechanism. An equilibrium may be found often, or never.
-    """
-    leg_count = legs.shape[0]
-    work = make_workspace(leg_count, found.shape[1])
-    set_inputs(legs, inputs, work)
-    rods = np.zeros((leg_count, _MOST_RODS, 2))
-    counts = np.zeros(leg_count, dtype=np.int64)
-    count = 0
-    for n in range(poses.shape[0]):
-        _find_rods_at_hinges(legs, poses[n], table, rods, counts, work)
-        for combination in range(counts.prod()):
-            x, rest = found[count], combination
-            for i in range(leg_count):
-                x[2 * i], x[2 * i + 1] = rods[i, rest % counts[i], 0], rods[i, rest % counts[i], 1]
-                rest //= counts[i]
-            x[2 * leg_count :] = poses[n]
-            if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
-                count += 1
-                if count == found.shape[0]:
-                    return count
-    return count
-
-
-@kernel
-def _find_rods_at_hinges(
-    legs: Array, pose: Array, table: Array, rods: Array, counts: NDArray[np.int64], work: Workspace
-) -> None:
-    """Fill `rods` (legs, m, 2) with the loads of each leg's rods that reach its hinge at this pose."""
-    for i in range(legs.shape[0]):
-        hinge_x, hinge_y = hinge(legs, i, pose)
-        away_x, away_y = hinge_x - work.clamps[i, 0], hinge_y - work.clamps[i, 1]
-        c, s = work.clamps[i, 2] / legs[i, LENGTH], work.clamps[i, 3] / legs[i, LENGTH]
-        counts[i] = rods_at_tip(table, c * away_x + s * away_y, c * away_y - s * away_x, rods[i])

@@ -34,7 +34,7 @@ _TIP_X, _TIP_Y, _EXPLAINED, _FORCE_X, _FORCE_Y = 0, 1, 2, 2, 3
 _NODE_COLUMNS = 6
 
 # Distance between the nodes and half the width of the squares, in rod lengths, at refinement 0.
-_SPACING, _HALF_WIDTH = 0.025, 0.06
+_SPACING, _HALF_WIDTH = 0.04, 0.06
 # The grid has 2^n cells along rho, at least this many per unit of it.
 _CELLS_PER_RHO = 28.0
 # A patch is halved until the radius of its error is below the first, in EI / L^2, and the segment below the second or

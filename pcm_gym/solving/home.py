@@ -1,19 +1,14 @@
 """The home equilibrium of a mechanism."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pcm_gym.kernels.equilibrium import search_forward
-from pcm_gym.kernels.rod_table import make_rod_table
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 
-Array = NDArray[np.float64]
-
-_RHO_MAX = 9.0
-_TABLE_SHAPE = (72, 97)
-_MOST_FOUND = 4096
+# Stable equilibria with larger loads than the first are looked for only if there is none below it.
+_RHO_MAX = (6.5, 13.0)
 
 
 def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equilibrium:
@@ -31,31 +26,18 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     Raises
     ------
     ValueError
-        If the mechanism has no stable equilibrium at its home inputs with every rho <= 9.
+        If the mechanism has no stable equilibrium at its home inputs with every rho <= 13.
     """
     inputs = mechanism.check_inputs(np.asarray(mechanism.home_inputs))
-    pose = None if mechanism.home_pose is None else np.array(mechanism.home_pose)
-    stable = [] if pose is None else _stable_near(mechanism, inputs, mechanism.check_load(load), pose)
-    stable = stable or [found for found in solve_forward(mechanism, inputs, load, _RHO_MAX) if found.is_stable]
-    if not stable:
-        raise ValueError(f"mechanism {mechanism.name!r} has no stable equilibrium at home_inputs {inputs.tolist()}")
-    if pose is None:
+    for rho_max in _RHO_MAX:
+        stable = solve_forward(mechanism, inputs, load, rho_max).stable
+        if stable:
+            break
+    else:
+        raise ValueError(
+            f"mechanism {mechanism.name!r} has no stable equilibrium at home_inputs {mechanism.home_inputs}"
+        )
+    if mechanism.home_pose is None:
         return stable[0]
+    pose = np.array(mechanism.home_pose)
     return min(stable, key=lambda found: float(np.linalg.norm((found.pose - pose) / mechanism.units.pose)))
-
-
-def _stable_near(mechanism: Mechanism, inputs: Array, load: Array, pose: Array) -> list[Equilibrium]:
-    """Return the stable equilibria that Newton's method reaches from rods that meet at `pose`."""
-    units = mechanism.units
-    found = np.empty((_MOST_FOUND, mechanism.state_size))
-    count = search_forward(
-        mechanism.leg_table,
-        inputs / units.inputs,
-        load / units.load,
-        pose[None] / units.pose,
-        make_rod_table(_RHO_MAX, *_TABLE_SHAPE),
-        found,
-    )
-    is_within = np.abs(found[:count, : 2 * mechanism.leg_count]).max(axis=1, initial=0.0) <= _RHO_MAX**2
-    equilibria = (Equilibrium(mechanism, state, inputs, load) for state in found[:count][is_within])
-    return [equilibrium for equilibrium in equilibria if equilibrium.is_stable]

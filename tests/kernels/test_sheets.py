@@ -68,7 +68,7 @@ def test_every_rod_is_in_a_patch_of_every_square_that_holds_its_tip(table: Sheet
             checked += 1
             # between the nodes of its grid a patch may err a little: errors of the force near 40 by a tenth
             assert excess(away, force, patches).min() < 0.1, (tip, force, away)
-    assert checked > 40_000
+    assert checked > 20_000
 
 
 def test_a_patch_leads_back_to_its_rod(table: Sheets) -> None:
