@@ -3,7 +3,7 @@
 Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Reach-v0")``.
 """
 
-from pcm_gym.environments import environment_ids, register_environments
+from pcm_gym.environments import CostStep, SolverShield, environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import (
     BranchTracker,
@@ -20,6 +20,7 @@ from pcm_gym.tasks import Element, observation_elements
 
 __all__ = [
     "BranchTracker",
+    "CostStep",
     "Element",
     "Equilibrium",
     "EquilibriumSet",
@@ -30,6 +31,7 @@ __all__ = [
     "Revolute",
     "Rod",
     "RodState",
+    "SolverShield",
     "TrackedStep",
     "environment_ids",
     "get_mechanism",

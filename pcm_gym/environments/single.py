@@ -124,6 +124,11 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.task.success_distance
 
     @property
+    def singular_margin(self) -> float:
+        """Threshold of `cost_singular`."""
+        return self._simulation.settings.singular_margin
+
+    @property
     def equilibrium(self) -> Equilibrium:
         """The present equilibrium."""
         return self._simulation.equilibrium(0)
