@@ -35,7 +35,7 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     """
     inputs = mechanism.check_inputs(np.asarray(mechanism.home_inputs))
     pose = None if mechanism.home_pose is None else np.array(mechanism.home_pose)
-    stable = [] if pose is None else _stable_near(mechanism, inputs, mechanism.check_load(load), pose)
+    stable = [] if pose is None else search_stable(mechanism, inputs, mechanism.check_load(load), pose[None])
     stable = stable or [found for found in solve_forward(mechanism, inputs, load, _RHO_MAX) if found.is_stable]
     if not stable:
         raise ValueError(f"mechanism {mechanism.name!r} has no stable equilibrium at home_inputs {inputs.tolist()}")
@@ -44,18 +44,20 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     return min(stable, key=lambda found: float(np.linalg.norm((found.pose - pose) / mechanism.units.pose)))
 
 
-def _stable_near(mechanism: Mechanism, inputs: Array, load: Array, pose: Array) -> list[Equilibrium]:
-    """Return the stable equilibria that Newton's method reaches from rods that meet at `pose`."""
+def search_stable(
+    mechanism: Mechanism, inputs: Array, load: Array, poses: Array, rho_max: float = _RHO_MAX
+) -> list[Equilibrium]:
+    """Return the stable equilibria that Newton's method reaches from rods that meet at `poses` (n, d), often twice."""
     units = mechanism.units
     found = np.empty((_MOST_FOUND, mechanism.state_size))
     count = search_forward(
         mechanism.leg_table,
         inputs / units.inputs,
         load / units.load,
-        pose[None] / units.pose,
-        make_rod_table(_RHO_MAX, *_TABLE_SHAPE),
+        poses / units.pose,
+        make_rod_table(rho_max, *_TABLE_SHAPE),
         found,
     )
-    is_within = np.abs(found[:count, : 2 * mechanism.leg_count]).max(axis=1, initial=0.0) <= _RHO_MAX**2
+    is_within = np.abs(found[:count, : 2 * mechanism.leg_count]).max(axis=1, initial=0.0) <= rho_max**2
     equilibria = (Equilibrium(mechanism, state, inputs, load) for state in found[:count][is_within])
     return [equilibrium for equilibrium in equilibria if equilibrium.is_stable]
