@@ -4,7 +4,8 @@ Stable equilibria within the limits form sheets, and these are charted in two wa
 sheet is always a graph (the stiffness is positive definite), and by the poses. A state of the pool is the equilibrium
 of one sheet at one node of one raster. From each state the fill moves to the neighbouring nodes of its raster and to
 the nearest node of the other one. Two states are joined into one branch only where `track` leads from one to the other
-along a straight line of inputs, which stays stable and within the limits.
+along a straight line of inputs, which stays stable and within the limits. Where the limits of a motor are a full turn
+apart, the fill steps from one to the other, but the branches are not joined: a limit is a wall.
 """
 
 import math
@@ -90,9 +91,9 @@ def move_to_inputs(problem: Problem, x: Array, inputs: Array, target: Array) -> 
     """Track a stable state to these inputs, in place; return its stability margin there, or -1 where it got lost."""
     load = problem.load
     tracked = track(problem.legs, x, inputs, load, target, load, False, problem.line, problem.work)
-    if tracked.event == NONE and _largest_load(x, inputs.shape[0]) <= problem.rho_max**2:
-        return tracked.stability_margin
-    return -1.0
+    if tracked.event != NONE or tracked.morse_index != 0 or _largest_load(x, inputs.shape[0]) > problem.rho_max**2:
+        return -1.0
+    return tracked.stability_margin
 
 
 @kernel
@@ -105,7 +106,7 @@ def move_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> fl
     for leg in range(leg_count):
         if not legs[leg, LOWER] <= inputs[leg] <= legs[leg, UPPER]:
             return -1.0
-    if not _largest_load(x, leg_count) <= problem.rho_max**2:
+    if _largest_load(x, leg_count) > problem.rho_max**2:
         return -1.0
     set_inputs(legs, inputs, work)
     evaluate_rods(legs, x, work)
@@ -117,6 +118,9 @@ def move_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> fl
 def _move(problem: Problem, space: int, x: Array, inputs: Array, cell: int) -> float:
     set_node(problem.rasters, space, cell, problem.point)
     if space == INPUTS:
+        for leg in range(inputs.shape[0]):
+            if problem.rasters.is_closed[INPUTS, leg]:  # from one limit to the other, a turn away
+                inputs[leg] -= 2.0 * math.pi * round((inputs[leg] - problem.point[leg]) / (2.0 * math.pi))
         return move_to_inputs(problem, x, inputs, problem.point)
     return move_to_pose(problem, x, inputs, problem.point)
 
@@ -228,7 +232,10 @@ def _expand(problem: Problem, pool: Pool, state: int) -> None:
         other = _reach(problem, pool, state, space, beside) if beside != NOWHERE else NOWHERE
         if other != NOWHERE:
             pool.arrived[other] |= 1 << (direction ^ 1)
-            _join(problem, pool, state, other, space == INPUTS)
+            axis = direction // 2
+            way = abs(pool.inputs[other, axis] - pool.inputs[state, axis])
+            if space == POSES or way < math.pi:  # else a limit is between them
+                _join(problem, pool, state, other, space == INPUTS)
     if space == INPUTS:
         beside = nearest_cell(rasters, POSES, pool.x[state, 2 * problem.legs.shape[0] :])
     else:

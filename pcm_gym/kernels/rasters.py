@@ -1,5 +1,6 @@
 """A raster of inputs and a raster of poses: cells, nodes and neighbours."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ Integers = NDArray[np.int64]
 # The two rasters.
 INPUTS, POSES = range(2)
 NOWHERE = -1
+# A point this little beyond the last cell, in pitches, is at its edge: at an actuator's limit.
+_ON_THE_EDGE = 1e-9
 
 
 class Rasters(NamedTuple):
@@ -21,7 +24,8 @@ class Rasters(NamedTuple):
     shape: Integers  # (2, d)
     first_node: Array  # (2, d)
     pitch: Array  # (2, d)
-    is_closed: NDArray[np.bool_]  # (2, d): whether the last node is followed by the first (a platform's angle)
+    # (2, d): whether the last node is followed by the first, a turn away: a platform's angle, a motor's input
+    is_closed: NDArray[np.bool_]
 
 
 @kernel
@@ -36,7 +40,10 @@ def nearest_cell(rasters: Rasters, space: int, point: Array) -> int:
     cell = 0
     for axis in range(point.shape[0]):
         count = rasters.shape[space, axis]
-        place = int(round((point[axis] - rasters.first_node[space, axis]) / rasters.pitch[space, axis]))
+        ratio = (point[axis] - rasters.first_node[space, axis]) / rasters.pitch[space, axis] + 0.5
+        place = int(math.floor(ratio))
+        if place == count and ratio <= count + _ON_THE_EDGE:
+            place -= 1
         if rasters.is_closed[space, axis]:
             place %= count
         if not 0 <= place < count:

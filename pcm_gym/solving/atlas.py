@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels import flood
 from pcm_gym.kernels.rasters import INPUTS, POSES, Rasters
-from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, one_of
+from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism.validation import finite_number, one_of, whole_number
 from pcm_gym.solving.atlas_file import read_atlas, write_atlas
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.raster import Raster, Region
@@ -199,8 +199,7 @@ class Atlas:
         beyond the border of the sheet are drawn again. About 10 microseconds each.
         """
         sheets = self._sheets(over)
-        if count < 0:
-            raise ValueError(f"count must not be negative, got {count}")
+        count = whole_number("count", count, least=0)
         rows = np.arange(len(sheets)) if branch is None else np.flatnonzero(sheets.branches == self._checked(branch))
         parts, missing = [self._stored(over, rows[:0])], count
         for _ in range(_MOST_ROUNDS if len(rows) else 0):
@@ -224,6 +223,18 @@ class Atlas:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the atlas to a file: a compressed NumPy archive (npz) with the mechanism as JSON inside."""
         write_atlas(Path(path), {field.name: getattr(self, field.name) for field in fields(self)})
+
+    def __repr__(self) -> str:
+        """Return a line on the whole and one per branch."""
+        header = f"Atlas of {self.mechanism.name}: {len(self.over_poses)} stable equilibria over poses, "
+        lines = [header + f"{len(self.over_inputs)} over inputs, {len(self.branches)} branches"]
+        for branch in self.branches:
+            home = ", home" if branch.contains_home else ""
+            lines.append(
+                f"  {branch.number}: poses {branch.workspace.area:.4g} +- {branch.workspace.area_error:.1g}, "
+                f"inputs {branch.input_region.area:.4g} +- {branch.input_region.area_error:.1g}{home}"
+            )
+        return "\n".join(lines)
 
     @cached_property
     def _problem(self) -> flood.Problem:
@@ -293,11 +304,17 @@ def load_atlas(path: str | os.PathLike[str]) -> Atlas:
 
 
 def flat_rasters(inputs: Raster, poses: Raster, mechanism: Mechanism) -> Rasters:
-    """Return both rasters as the kernels take them, dimensionless."""
+    """Return both rasters as the kernels take them, dimensionless.
+
+    For them the inputs of a motor are closed where its limits are a full turn apart.
+    """
     scales = np.array([mechanism.units.inputs, mechanism.units.pose])
+    spans = inputs.pitch * inputs.shape
+    is_motor = [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
+    is_full_turn = is_motor & np.isclose(spans, 2.0 * np.pi, rtol=1e-9) & (np.array(inputs.shape) > 3)
     return Rasters(
         np.array([inputs.shape, poses.shape]),
         np.array([inputs.first_node, poses.first_node]) / scales,
         np.array([inputs.pitch, poses.pitch]) / scales,
-        np.array([inputs.is_closed, poses.is_closed]),
+        np.array([is_full_turn, poses.is_closed]),
     )

@@ -46,16 +46,15 @@ def read_atlas(path: Path) -> dict[str, Any]:
         If it is not an atlas, is of another version, or its arrays do not fit together.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.lib.npyio.NpzFile(file) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, AttributeError, EOFError, ValueError) as error:
+    except (zipfile.BadZipFile, EOFError, ValueError) as error:
         raise ValueError(f"{path} is not an atlas: {error}") from error
     if str(arrays.get("format")) != FORMAT:
         raise ValueError(f"{path} is not an atlas: it has no entry 'format' that says {FORMAT!r}")
-    if int(arrays["version"]) != VERSION:
-        raise ValueError(
-            f"{path} is an atlas of version {arrays['version']}; this is version {VERSION}: build it again"
-        )
+    version = arrays.get("version")
+    if version != VERSION:
+        raise ValueError(f"{path} is an atlas of version {version}; this is version {VERSION}: build it again")
     try:
         mechanism = mechanism_from_json(str(arrays["mechanism"]))
         home_branch = int(arrays["home_branch"])

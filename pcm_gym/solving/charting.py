@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from pcm_gym.kernels import flood
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, positive_number
+from pcm_gym.mechanism.validation import finite_number, positive_number, whole_number
 from pcm_gym.solving.atlas import Atlas, flat_rasters
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -69,7 +69,8 @@ def build_atlas(
         Cells of the raster of inputs along each axis; by default 160, for a platform 24.
     seed_nodes : int, optional
         Inputs along each axis, evenly spaced, at which equilibria are sought to start from; by default 12, for a
-        platform 3. A branch is missed if it covers none of these inputs.
+        platform 3. A branch that covers none of these inputs is missed, unless a motor with a full turn leads to it
+        from one limit to the other.
     orientation : float, optional
         Only this angle of a platform, rad: its constant-orientation workspace at less cost. The angle's cell remains
         3 degrees wide.
@@ -82,8 +83,8 @@ def build_atlas(
 
     Raises
     ------
-    ValueError
-        If an argument has the wrong shape or is out of range, or no stable equilibrium is found.
+    TypeError, ValueError
+        If an argument has the wrong shape, kind or range, or no stable equilibrium is found.
 
     Notes
     -----
@@ -93,8 +94,8 @@ def build_atlas(
     """
     defaults = _POINT if mechanism.dof == 2 else _PLATFORM
     step = positive_number("pitch", defaults.pitch * mechanism.units.length if pitch is None else pitch)
-    nodes = _positive_count("seed_nodes", defaults.seed_nodes if seed_nodes is None else seed_nodes)
-    cells = _positive_count("input_cells", defaults.input_cells if input_cells is None else input_cells)
+    nodes = whole_number("seed_nodes", defaults.seed_nodes if seed_nodes is None else seed_nodes, least=1)
+    cells = whole_number("input_cells", defaults.input_cells if input_cells is None else input_cells, least=1)
     chart = _Chart(
         mechanism,
         mechanism.check_load(load),
@@ -263,12 +264,6 @@ def _stable_at(chart: _Chart, inputs: Array) -> Sequence[Equilibrium]:
     lower, spread = poses.first_node - 0.5 * poses.pitch, poses.pitch * shape
     draws = np.random.default_rng(_SEARCH_SEED).uniform(size=(_SEARCH_POSES, 3))
     return search_stable(mechanism, inputs, load, lower + draws * spread, rho_max)
-
-
-def _positive_count(name: str, value: int) -> int:
-    if value != int(value) or value < 1:
-        raise ValueError(f"{name} must be a whole number from 1 on, got {value}")
-    return int(value)
 
 
 def _progress_bars(is_shown: bool) -> Progress:

@@ -360,6 +360,7 @@ def damaged(motors: Atlas, path, **changes: np.ndarray | None) -> None:
     ("changes", "message"),
     [
         ({"version": np.array(99)}, "version 99"),
+        ({"version": None}, "version None"),
         ({"format": None}, "not an atlas"),
         ({"mechanism": np.array("{}")}, "does not describe a mechanism"),
         ({"over_poses.rods": None}, "over_poses.rods"),
@@ -422,8 +423,8 @@ def test_a_platform_has_the_reachable_workspace_and_its_slices():
         ({"pitch": 0.0}, "pitch must be greater than 0"),
         ({"rho_max": -1.0}, "rho_max must be greater than 0"),
         ({"rho_max": 31.0}, "rho_max must be at most"),
-        ({"input_cells": 0}, "input_cells must be a whole number"),
-        ({"seed_nodes": 2.5}, "seed_nodes must be a whole number"),
+        ({"input_cells": 0}, "input_cells must be at least 1"),
+        ({"seed_nodes": -1}, "seed_nodes must be at least 1"),
         ({"orientation": 0.0}, "orientation must be None"),
         ({"load": (1.0, math.nan)}, "load must be finite"),
         ({"load": (1.0, 2.0, 3.0)}, "load must have shape"),
@@ -434,10 +435,22 @@ def test_wrong_arguments_of_build_atlas_are_refused(arguments, message):
         build_atlas(get_mechanism("2PFR"), progress=False, **arguments)
 
 
+def test_a_number_of_cells_that_is_not_whole_is_refused():
+    with pytest.raises(TypeError, match="seed_nodes must be a whole number"):
+        build_atlas(get_mechanism("2PFR"), progress=False, seed_nodes=2.5)
+
+
 def test_a_mechanism_without_stable_equilibria_is_refused():
     far = Mechanism("far", (Leg(Revolute((-2.0, 0.0)), Rod()), Leg(Revolute((2.0, 0.0)), Rod())))
     with pytest.raises(ValueError, match="no point that all can reach"):
         build_atlas(far, progress=False)
+
+
+def test_an_atlas_says_what_it_holds(motors):
+    lines = repr(motors).splitlines()
+    assert len(lines) == 1 + len(motors.branches)
+    assert "2RFR" in lines[0]
+    assert [line.endswith("home") for line in lines[1:]] == [branch.contains_home for branch in motors.branches]
 
 
 def test_wrong_arguments_of_look_ups_are_refused(motors):
@@ -448,8 +461,10 @@ def test_wrong_arguments_of_look_ups_are_refused(motors):
         motors.workspace(-1)
     with pytest.raises(ValueError, match="over must be one of"):
         motors.sample(rng, 1, over="states")
-    with pytest.raises(ValueError, match="count must not be negative"):
+    with pytest.raises(ValueError, match="count must be at least 0"):
         motors.sample(rng, -1)
+    with pytest.raises(TypeError, match="count must be a whole number"):
+        motors.sample(rng, 1.5)
     with pytest.raises(ValueError, match="orientation must be None"):
         motors.workspace(orientation=0.0)
     with pytest.raises(ValueError, match="within the limits"):
