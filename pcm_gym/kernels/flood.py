@@ -28,8 +28,11 @@ Integers = NDArray[np.int64]
 _INVERSE_RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=10)
 # States that differ by less, relative to 1 + their size, are one.
 _SAME_STATE = 1e-5
-# Into how many pieces the way from a state to a neighbour is cut, until a stable path is found.
-_PIECES = (1, 16)
+# Into how many pieces the way from a state to a neighbour is cut where it cannot be gone at once.
+_PIECES = 16
+# Rows of the scratch arrays.
+_TRIAL, _HERE, _NEXT, _START = range(4)
+_TARGET, _BETWEEN = range(2)
 
 
 class Problem(NamedTuple):
@@ -41,9 +44,9 @@ class Problem(NamedTuple):
     rasters: Rasters
     line: Line
     work: Workspace
-    x: Array  # (3, size): trial states
-    inputs: Array  # (3, legs)
-    point: Array  # (d,)
+    x: Array  # (4, size)
+    inputs: Array  # (4, legs)
+    point: Array  # (2, d)
 
 
 class Pool(NamedTuple):
@@ -72,9 +75,9 @@ def make_problem(legs: Array, load: Array, rho_max: float, rasters: Rasters) -> 
         rasters,
         make_line(leg_count, size),
         make_workspace(leg_count, size),
-        np.zeros((3, size)),
-        np.zeros((3, leg_count)),
-        np.zeros(load.shape[0]),
+        np.zeros((4, size)),
+        np.zeros((4, leg_count)),
+        np.zeros((2, load.shape[0])),
     )
 
 
@@ -98,7 +101,26 @@ def move_to_inputs(problem: Problem, x: Array, inputs: Array, target: Array) -> 
 
 @kernel
 def move_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> float:
-    """Bring a stable state to this pose, in place; return its stability margin there, or -1 where there is none."""
+    """Bring a stable state to this pose, in place; return its stability margin there, or -1 where there is none.
+
+    In one step, or, where the inputs change too fast for that, in small ones.
+    """
+    start_x, start_inputs = problem.x[_START], problem.inputs[_START]
+    start_x[:], start_inputs[:] = x, inputs
+    margin = _step_to_pose(problem, x, inputs, target)
+    if margin < 0.0:
+        x[:], inputs[:] = start_x, start_inputs
+        for piece in range(1, _PIECES + 1):
+            _set_between(start_x, target, piece / _PIECES, problem.point[_BETWEEN])
+            margin = _step_to_pose(problem, x, inputs, problem.point[_BETWEEN])
+            if margin < 0.0:
+                break
+    x[2 * inputs.shape[0] :] = target
+    return margin
+
+
+@kernel
+def _step_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> float:
     legs, work, leg_count = problem.legs, problem.work, inputs.shape[0]
     x[2 * leg_count :] = target
     if solve_inverse_locally(legs, inputs, problem.load, x, _INVERSE_RULES, work) != CONVERGED:
@@ -115,14 +137,27 @@ def move_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> fl
 
 
 @kernel
+def _set_between(x: Array, target: Array, part: float, point: Array) -> None:
+    """Fill `point` with the pose at this part of the way from the pose in `x` to the target, the short way round."""
+    dof = target.shape[0]
+    for d in range(dof):
+        start = x[x.shape[0] - dof + d]
+        way = target[d] - start
+        if d == 2:
+            way -= 2.0 * math.pi * round(way / (2.0 * math.pi))
+        point[d] = start + part * way
+
+
+@kernel
 def _move(problem: Problem, space: int, x: Array, inputs: Array, cell: int) -> float:
-    set_node(problem.rasters, space, cell, problem.point)
+    target = problem.point[_TARGET]
+    set_node(problem.rasters, space, cell, target)
     if space == INPUTS:
         for leg in range(inputs.shape[0]):
             if problem.rasters.is_closed[INPUTS, leg]:  # from one limit to the other, a turn away
-                inputs[leg] -= 2.0 * math.pi * round((inputs[leg] - problem.point[leg]) / (2.0 * math.pi))
-        return move_to_inputs(problem, x, inputs, problem.point)
-    return move_to_pose(problem, x, inputs, problem.point)
+                inputs[leg] -= 2.0 * math.pi * round((inputs[leg] - target[leg]) / (2.0 * math.pi))
+        return move_to_inputs(problem, x, inputs, target)
+    return move_to_pose(problem, x, inputs, target)
 
 
 @kernel
@@ -172,19 +207,16 @@ def find_root(parent: Integers, state: int) -> int:
 def _is_tracked(problem: Problem, pool: Pool, state: int, other: int, pieces: int) -> bool:
     """Return whether a stable path leads from one state to the other: straight in the pose, piecewise in the inputs."""
     leg_count, pose = problem.legs.shape[0], 2 * problem.legs.shape[0]
-    x, inputs, next_x, next_inputs = problem.x[1], problem.inputs[1], problem.x[2], problem.inputs[2]
+    x, inputs = problem.x[_HERE], problem.inputs[_HERE]
+    next_x, next_inputs = problem.x[_NEXT], problem.inputs[_NEXT]
     x[:], inputs[:] = pool.x[state], pool.inputs[state]
     for piece in range(1, pieces + 1):
         if piece == pieces:
             next_x[:], next_inputs[:] = pool.x[other], pool.inputs[other]
         else:
             next_x[:], next_inputs[:] = x, inputs
-            for d in range(x.shape[0] - pose):
-                way = pool.x[other, pose + d] - pool.x[state, pose + d]
-                if d == 2:
-                    way -= 2.0 * math.pi * round(way / (2.0 * math.pi))
-                problem.point[d] = pool.x[state, pose + d] + way * piece / pieces
-            if move_to_pose(problem, next_x, next_inputs, problem.point) < 0.0:
+            _set_between(pool.x[state], pool.x[other, pose:], piece / pieces, problem.point[_TARGET])
+            if move_to_pose(problem, next_x, next_inputs, problem.point[_TARGET]) < 0.0:
                 return False
         if move_to_inputs(problem, x, inputs, next_inputs) < 0.0 or not are_same(x, next_x, leg_count):
             return False
@@ -199,7 +231,7 @@ def _join(problem: Problem, pool: Pool, state: int, other: int, is_tracked: bool
     if root == other_root:
         return
     if not is_tracked:
-        for pieces in _PIECES:
+        for pieces in (1, _PIECES):
             if _is_tracked(problem, pool, state, other, pieces):
                 is_tracked = True
                 break
@@ -210,7 +242,7 @@ def _join(problem: Problem, pool: Pool, state: int, other: int, is_tracked: bool
 @kernel
 def _reach(problem: Problem, pool: Pool, state: int, space: int, cell: int) -> int:
     """Return the state of the pool to which a move from `state` to this cell leads; -1 if there is none."""
-    x, inputs = problem.x[0], problem.inputs[0]
+    x, inputs = problem.x[_TRIAL], problem.inputs[_TRIAL]
     x[:], inputs[:] = pool.x[state], pool.inputs[state]
     margin = _move(problem, space, x, inputs, cell)
     if margin < 0.0:
@@ -221,7 +253,7 @@ def _reach(problem: Problem, pool: Pool, state: int, space: int, cell: int) -> i
 
 @kernel
 def _expand(problem: Problem, pool: Pool, state: int) -> None:
-    rasters, dof = problem.rasters, problem.point.shape[0]
+    rasters, dof = problem.rasters, problem.load.shape[0]
     input_cells = cell_count(rasters, INPUTS)
     space = INPUTS if pool.cell[state] < input_cells else POSES
     cell = pool.cell[state] if space == INPUTS else pool.cell[state] - input_cells
@@ -262,7 +294,7 @@ def plant(problem: Problem, pool: Pool, seed_x: Array, seed_inputs: Array) -> in
     The pool must have room for two states.
     """
     planted, leg_count = NOWHERE, seed_inputs.shape[0]
-    x, inputs = problem.x[0], problem.inputs[0]
+    x, inputs = problem.x[_TRIAL], problem.inputs[_TRIAL]
     for space in (POSES, INPUTS):
         cell = nearest_cell(problem.rasters, space, seed_inputs if space == INPUTS else seed_x[2 * leg_count :])
         if cell == NOWHERE:
