@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.environments.simulation import Mask, Outcome, Settings, Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation, single_spaces
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import one_of
+from pcm_gym.mechanism.validation import one_of, whole_number
 from pcm_gym.tasks.reach import RewardType
 
 
@@ -50,7 +50,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         settings = Settings.from_arguments(
             mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
         )
-        self.num_envs = num_envs = _count("num_envs", num_envs)
+        self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
@@ -59,7 +59,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._simulation = Simulation(settings, num_envs)
         is_endless = max_episode_steps is None or max_episode_steps == -1
-        self._max_episode_steps = np.inf if is_endless else _count("max_episode_steps", max_episode_steps)
+        self._max_episode_steps = (
+            np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
+        )
         self._generators: list[np.random.Generator] = [seeding.np_random(None)[0] for _ in range(num_envs)]
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
@@ -167,15 +169,6 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if not np.isfinite(values).all():
             raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)].tolist()}")
         return values
-
-
-def _count(name: str, value: Any) -> int:
-    """Return `value`; raise if it is no whole number, or less than 1."""
-    if not isinstance(value, int | np.integer):
-        raise TypeError(f"{name} must be a whole number, got {value!r}")
-    if value < 1:
-        raise ValueError(f"{name} must be at least 1, got {value}")
-    return int(value)
 
 
 def _masked(infos: dict[str, Any], mask: Mask) -> dict[str, Any]:

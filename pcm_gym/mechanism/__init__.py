@@ -3,5 +3,17 @@
 from pcm_gym.mechanism.catalogue import get_mechanism, mechanism_names
 from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
 from pcm_gym.mechanism.mechanism import Mechanism, Units
+from pcm_gym.mechanism.text import mechanism_from_json, mechanism_to_json
 
-__all__ = ["Leg", "Mechanism", "Prismatic", "Revolute", "Rod", "Units", "get_mechanism", "mechanism_names"]
+__all__ = [
+    "Leg",
+    "Mechanism",
+    "Prismatic",
+    "Revolute",
+    "Rod",
+    "Units",
+    "get_mechanism",
+    "mechanism_from_json",
+    "mechanism_names",
+    "mechanism_to_json",
+]

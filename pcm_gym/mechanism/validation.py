@@ -27,6 +27,15 @@ def positive_number(name: str, value: Any) -> float:
     return number
 
 
+def whole_number(name: str, value: Any, least: int) -> int:
+    """Return `value` as an int; raise if it is no whole number, or less than `least`."""
+    if not isinstance(value, int | np.integer):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    if value < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}")
+    return int(value)
+
+
 def finite_tuple(name: str, value: Any, size: int) -> tuple[float, ...]:
     """Return `value` as a tuple of `size` finite floats."""
     return tuple(float(number) for number in finite_vector(name, value, size))

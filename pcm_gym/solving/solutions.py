@@ -1,9 +1,13 @@
-"""A complete set of equilibria, and what is known of its completeness."""
+"""Sets of equilibria: all solutions of one problem, and stable ones with their branches."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
 
@@ -49,3 +53,49 @@ class EquilibriumSet(Sequence[Equilibrium]):
         if not self.equilibria:
             return f"EquilibriumSet of none: {self.reason}"
         return "\n".join([f"EquilibriumSet of {len(self)}:", *(f"  {found!r}" for found in self.equilibria)])
+
+
+@dataclass(frozen=True, eq=False)
+class StableStates(Sequence[Equilibrium]):
+    """Stable equilibria as arrays, with the branches of an atlas on which they are.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    load : array (d,)
+        Load on the end-effector, N and N m.
+    states : array (n, 2 legs + d)
+        The kernels' dimensionless states.
+    inputs : array (n, legs)
+        Actuator inputs, rad or m.
+    branches : array (n,)
+        Numbers of the branches.
+    """
+
+    mechanism: Mechanism
+    load: NDArray[np.float64]
+    states: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    branches: NDArray[np.int32]
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Poses of the end-effector, (n, d), m and rad."""
+        poses: NDArray[np.float64] = self.states[:, 2 * self.mechanism.leg_count :] * self.mechanism.units.pose
+        return poses
+
+    @overload
+    def __getitem__(self, key: int) -> Equilibrium: ...
+
+    @overload
+    def __getitem__(self, key: slice | NDArray[Any]) -> "StableStates": ...
+
+    def __getitem__(self, key: int | slice | NDArray[Any]) -> "Equilibrium | StableStates":
+        """Return one equilibrium, or those of a slice, a mask or an array of places."""
+        if isinstance(key, slice | np.ndarray):
+            return StableStates(self.mechanism, self.load, self.states[key], self.inputs[key], self.branches[key])
+        return Equilibrium(self.mechanism, self.states[key], self.inputs[key], self.load)
+
+    def __len__(self) -> int:
+        """Return the number of equilibria."""
+        return len(self.states)

@@ -1,0 +1,40 @@
+"""Mechanisms as text: JSON with every number in full."""
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
+from pcm_gym.mechanism.mechanism import Mechanism
+
+_ACTUATORS: dict[str, type[Revolute | Prismatic]] = {"revolute": Revolute, "prismatic": Prismatic}
+
+
+def mechanism_to_json(mechanism: Mechanism) -> str:
+    """Return the mechanism as JSON, from which `mechanism_from_json` makes an equal one."""
+    content = asdict(mechanism)
+    for leg, entry in zip(mechanism.legs, content["legs"], strict=True):
+        entry["actuator"]["kind"] = type(leg.actuator).__name__.lower()
+    return json.dumps(content)
+
+
+def mechanism_from_json(text: str) -> Mechanism:
+    """Return the mechanism of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        If the text does not describe a mechanism.
+    """
+    try:
+        content = json.loads(text)
+        legs = tuple(_leg(entry) for entry in content.pop("legs"))
+        return Mechanism(legs=legs, **content)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"the text does not describe a mechanism: {error!r}") from error
+
+
+def _leg(entry: dict[str, Any]) -> Leg:
+    actuator = dict(entry["actuator"])
+    make = _ACTUATORS[actuator.pop("kind")]
+    return Leg(make(**actuator), Rod(**entry["rod"]), tuple(entry["attachment"]))

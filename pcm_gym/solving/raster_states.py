@@ -1,0 +1,86 @@
+"""The stable equilibria at the nodes of a raster."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.solving.raster import Raster, Region
+
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class RasterStates:
+    """All stable equilibria within the limits at the nodes of a raster, cell after cell, in each by energy.
+
+    The numbers are in single precision; `Atlas.at_pose` and `Atlas.at_inputs` give equilibria exact to rounding.
+
+    Attributes
+    ----------
+    raster : Raster
+    offsets : array (cells + 1,) of int64
+        The equilibria of cell c are the rows ``offsets[c]`` to ``offsets[c + 1]`` of the other arrays.
+    branches : array (n,) of int32
+        Number of the branch.
+    inputs : array (n, legs) of float32
+        Actuator inputs, rad or m.
+    poses : array (n, d) of float32
+        Poses, m and rad.
+    rods : array (n, 2 legs) of float32
+        The kernels' loads of the rods as their tips see them, dimensionless.
+    margins : array (n,) of float32
+        Stability margins, dimensionless.
+    energies : array (n,) of float32
+        Energies, J.
+    """
+
+    raster: Raster
+    offsets: Integers
+    branches: NDArray[np.int32]
+    inputs: Singles
+    poses: Singles
+    rods: Singles
+    margins: Singles
+    energies: Singles
+
+    def __post_init__(self) -> None:
+        count = len(self.branches)
+        dof = len(self.raster.shape)
+        shapes: dict[str, tuple[int, ...]] = {"offsets": (self.raster.size + 1,), "branches": (count,)}
+        shapes |= {"inputs": (count, dof), "poses": (count, dof), "rods": (count, 2 * dof)}
+        shapes |= {"margins": (count,), "energies": (count,)}
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+            array.setflags(write=False)
+        if self.offsets[0] != 0 or self.offsets[-1] != count or (np.diff(self.offsets) < 0).any():
+            raise ValueError(f"offsets must ascend from 0 to {count}")
+
+    def __len__(self) -> int:
+        """Return the number of equilibria, over all cells."""
+        return len(self.branches)
+
+    @property
+    def counts(self) -> Integers:
+        """Number of stable equilibria in each cell, of the raster's shape."""
+        return np.diff(self.offsets).reshape(self.raster.shape)
+
+    @cached_property
+    def cells(self) -> Integers:
+        """Cell of each equilibrium, (n,)."""
+        return np.repeat(np.arange(self.raster.size), np.diff(self.offsets))
+
+    def rows(self, cells: Integers) -> Integers:
+        """Return the rows of the equilibria in these cells."""
+        spans = [np.arange(self.offsets[cell], self.offsets[cell + 1]) for cell in cells]
+        return np.concatenate(spans) if spans else np.empty(0, dtype=np.int64)
+
+    def covered(self, branch: int | None = None) -> Region:
+        """Return the cells in which there is a stable equilibrium, or one of a branch."""
+        mask = np.zeros(self.raster.size, dtype=np.bool_)
+        mask[self.cells if branch is None else self.cells[self.branches == branch]] = True
+        return Region(self.raster, mask.reshape(self.raster.shape))
