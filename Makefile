@@ -54,8 +54,9 @@ format: $(TEST_STAMP) ## Format the code and mend what ruff can mend
 	$(IN_VENV) ruff format .
 
 .PHONY: bench
-bench: $(BENCH_STAMP) ## Measure the speed, here and of other environments
-	$(IN_VENV) benchmarks
+bench: $(BENCH_STAMP) ## Measure the speed of environments and solvers, beside others
+	$(IN_VENV) benchmarks environments
+	$(IN_VENV) benchmarks kinematics
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -1,1 +1,1 @@
-"""How fast the environments are, beside others, on the machine at hand. Nothing here passes or fails."""
+"""How fast environments and solvers are, beside others, on the machine at hand. Nothing here passes or fails."""

@@ -1,9 +1,10 @@
-"""The command line: ``python -m benchmarks``."""
+"""The command line: ``python -m benchmarks environments`` and ``python -m benchmarks kinematics``."""
 
+import itertools
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -12,7 +13,9 @@ from rich.progress import Progress
 import pcm_gym
 from benchmarks import report
 from benchmarks.batch import BATCH_SIZES, batch_throughput, step_parts
+from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
+from benchmarks.problems import MECHANISMS, make_problems
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
@@ -20,50 +23,99 @@ from benchmarks.timing import Measure, Summary, interleave
 Results = dict[str, dict[str, Summary]]
 
 
-def main(
+JsonPath = Annotated[Path | None, typer.Option("--json", help="Where to write the figures as JSON.")]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Measure on this machine, beside others, in one run and in turn. "
+    "Trust ratios within one run; other work on the machine moves all figures.",
+)
+
+
+@app.command()
+def environments(
     repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 5,
     seconds: Annotated[float, typer.Option(min=0.01, help="Length of one measurement.")] = 1.0,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Where to write the figures as JSON.")] = None,
+    json_path: JsonPath = None,
     cold: Annotated[bool, typer.Option(help="Also time a first run, which compiles the kernels (a minute).")] = False,
 ) -> None:
-    """Measure the environments beside others, in one run and in turn: medians, least and most of the repeats.
-
-    Trust ratios within one run; other work on the machine moves all figures.
-    """
-    console = Console(width=None if Console().is_terminal else 150)
-    machine = describe_machine()
-    report.print_machine(console, machine)
-    environments, absent = make_all()
+    """Measure the environments beside others: medians, least and most of the repeats."""
+    console, machine = _start()
+    made, absent = make_all()
     ids = pcm_gym.environment_ids()
     with Progress(console=console, transient=True) as progress:
-
-        def run(title: str, measures: Mapping[str, Measure], count: int) -> Results:
-            task = progress.add_task(title, total=len(measures) * count)
-            return interleave(measures, count, lambda: progress.advance(task))
-
-        single = run("single", {name: throughput(env, seconds) for name, env in environments.items()}, repeats)
+        single = _run(progress, "single", {name: throughput(env, seconds) for name, env in made.items()}, repeats)
         batches = {f"{name} x {n}": batch_throughput(name, n, seconds) for name in ids for n in BATCH_SIZES}
-        batch = run("batch", batches, repeats)
-        parts = run("parts", {name: step_parts(name) for name in ids}, repeats)
-        starts = run("start, warm", {f"{ids[0]}, warm": startup(ids[0])}, max(repeats, 3))
+        batch = _run(progress, "batch", batches, repeats)
+        parts = _run(progress, "parts", {name: step_parts(name) for name in ids}, repeats)
+        starts = _run(progress, "start, warm", {f"{ids[0]}, warm": startup(ids[0])}, max(repeats, 3))
         if cold:
-            starts |= run("start, cold", {f"{ids[0]}, compiling": startup(ids[0], is_cold=True)}, 1)
+            starts |= _run(progress, "start, cold", {f"{ids[0]}, compiling": startup(ids[0], is_cold=True)}, 1)
     report.print_single(console, single, absent, PEERS)
     report.print_batch(console, batch)
     report.print_parts(console, parts, single)
     report.print_startup(console, starts)
-    if json_path is not None:
-        _write(json_path, machine, absent, {"single": single, "batch": batch, "parts": parts, "startup": starts})
-        console.print(f"Figures written to {json_path}")
+    results = {"single": single, "batch": batch, "parts": parts, "startup": starts}
+    _write(console, json_path, {"machine": machine, "absent": absent}, results)
 
 
-def _write(path: Path, machine: dict[str, str], absent: dict[str, str], results: dict[str, Results]) -> None:
+@app.command()
+def kinematics(
+    problems: Annotated[int, typer.Option(min=1, help="Position problems of each kind.")] = 6,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 1,
+    seconds: Annotated[float, typer.Option(min=0.01, help="Longest search from random starts, processor time.")] = 3.0,
+    json_path: JsonPath = None,
+) -> None:
+    """Measure how long every solution of the position problem takes, beside searches from random starts.
+
+    The searches use SciPy and NumPy alone. About two minutes of processor time; more problems, more repeats and longer
+    searches take more.
+    """
+    console, machine = _start()
+    results: dict[str, Results] = {}
+    with Progress(console=console, transient=True) as progress:
+        kinds = list(itertools.product((False, True), MECHANISMS))
+        making = progress.add_task("problems, kernels", total=len(kinds))
+        families = {}
+        for is_inverse, name in kinds:
+            families[f"{'inverse' if is_inverse else 'forward'} {name}"] = make_problems(
+                name, problems, is_inverse=is_inverse
+            )
+            progress.advance(making)
+        for family, members in families.items():
+            measures = {f"problem {n}": solve_and_search(problem, seconds) for n, problem in enumerate(members, 1)}
+            results[family] = _run(progress, family, measures, repeats)
+        # last, because they push the tables in use out of the solvers' memory
+        costs = {members[0].kind: table_cost(members[0]) for members in families.values()}
+        tables = _run(progress, "tables", costs, repeats)
+    report.print_solvers(console, results)
+    report.print_tables(console, tables)
+    report.print_searches(console, results, seconds)
+    _write(console, json_path, {"machine": machine}, results | {"tables": tables})
+
+
+def _start() -> tuple[Console, dict[str, str]]:
+    console = Console(width=None if Console().is_terminal else 150)
+    machine = describe_machine()
+    report.print_machine(console, machine)
+    return console, machine
+
+
+def _run(progress: Progress, title: str, measures: Mapping[str, Measure], count: int) -> Results:
+    task = progress.add_task(title, total=len(measures) * count)
+    return interleave(measures, count, lambda: progress.advance(task))
+
+
+def _write(console: Console, path: Path | None, conditions: dict[str, Any], results: dict[str, Results]) -> None:
+    if path is None:
+        return
     figures = {
         group: {name: {key: summary.as_dict() for key, summary in found.items()} for name, found in of_group.items()}
         for group, of_group in results.items()
     }
-    path.write_text(json.dumps({"machine": machine, "absent": absent, **figures}, indent=2) + "\n")
+    path.write_text(json.dumps({**conditions, **figures}, indent=2) + "\n")
+    console.print(f"Figures written to {path}")
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app()

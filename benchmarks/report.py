@@ -1,11 +1,16 @@
 """Tables of the figures."""
 
+import math
+import statistics
 from collections.abc import Mapping
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from benchmarks.kinematics import LONG
+from benchmarks.multistart import METHODS
 from benchmarks.timing import Summary
 
 Summaries = Mapping[str, Mapping[str, Summary]]
@@ -78,6 +83,78 @@ def print_startup(console: Console, startup: Summaries) -> None:
             *(f"{figures[f'{stage}_seconds'].median:.2f}" for stage in stages),
         )
     console.print(table)
+
+
+def print_solvers(console: Console, families: Mapping[str, Summaries]) -> None:
+    table = _table("Every equilibrium of a position problem: milliseconds of processor time")
+    for heading in ("problems", "solutions", "of one", "median", "quartiles", "most"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for family, members in families.items():
+        times = [1e3 * time for time in _medians(members, "seconds")]
+        counts = _medians(members, "solutions")
+        lower, median, upper = np.percentile(times, (25.0, 50.0, 75.0))
+        table.add_row(
+            family,
+            str(len(members)),
+            f"{sum(counts):.0f}",
+            f"{min(counts):.0f} - {max(counts):.0f}",
+            f"{median:.1f}",
+            f"{lower:.1f} - {upper:.1f}",
+            f"{max(times):.1f}",
+        )
+    console.print(table)
+
+
+def print_tables(console: Console, tables: Summaries) -> None:
+    table = _table("The rod's table, made by the first solve: milliseconds")
+    table.add_column("once", justify="right", no_wrap=True)
+    for kind, figures in tables.items():
+        table.add_row(kind, f"{1e3 * figures['table_seconds'].median:.0f}")
+    console.print(table)
+
+
+def print_searches(console: Console, families: Mapping[str, Summaries], seconds: float) -> None:
+    table = _table(f"Searches from random starts for the same sets, each for up to {seconds:g} s of processor time")
+    headings = (
+        "",
+        "complete",
+        "time until then / ours",
+        "missed in our time",
+        f"in {LONG:.0f} times ours",
+        "not in our sets",
+    )
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for family, members in families.items():
+        for method in METHODS:
+            table.add_row(family, method, *_search_row(members, method, seconds))
+    console.print(table)
+    console.print(
+        "[dim]Times are medians over the problems; > a lower bound, < an upper bound, where searches were cut off. "
+        "A search cannot know when it is complete; here it is told.[/dim]",
+        highlight=False,
+    )
+
+
+def _search_row(members: Summaries, method: str, seconds: float) -> tuple[str, ...]:
+    complete = [value == 1.0 for value in _medians(members, f"{method}: is_complete")]
+    ratios = _medians(members, f"{method}: times_ours")
+    ours, solutions = _medians(members, "seconds"), sum(_medians(members, "solutions"))
+    bound = statistics.median(ratios)
+    exact = statistics.median(ratio if met else math.inf for ratio, met in zip(ratios, complete, strict=True))
+    missed = [sum(_medians(members, f"{method}: missed_in_{span}_time")) / solutions for span in ("our", "long")]
+    is_cut = any(not met and LONG * time > seconds for time, met in zip(ours, complete, strict=True))
+    return (
+        f"{sum(complete)} of {len(members)}",
+        f"{exact:,.1f}" if math.isfinite(exact) else f"> {bound:,.1f}",
+        f"{missed[0]:.0%}",
+        f"{'< ' if is_cut and missed[1] > 0.0 else ''}{missed[1]:.0%}",
+        f"{sum(_medians(members, f'{method}: not_in_our_set')):.0f}",
+    )
+
+
+def _medians(members: Summaries, key: str) -> list[float]:
+    return [figures[key].median for figures in members.values()]
 
 
 def _table(title: str) -> Table:
