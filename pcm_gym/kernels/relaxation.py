@@ -42,11 +42,11 @@ Array = NDArray[np.float64]
 # How a relaxation ended; the last one is used inside alone.
 LANDED, STAYED, NOT_SETTLED, NOT_POLISHED, _AT_SADDLE = range(5)
 
-# Rows of the table of a rod's nodes: the tangent's angle from the clamp's, its cosine and sine in the world; the point
-# from the clamp; the pull on the rod beyond the node times the node's weight; angle and point at the start of the step;
-# the rate of the angle; and the angle's share in the softest direction.
-_ANGLE, _COSINE, _SINE, _X, _Y, _PULL_X, _PULL_Y, _START_ANGLE, _START_X, _START_Y, _RATE, _SOFT = range(12)
-_NODE_ROWS = 12
+# Rows of the table of a rod's nodes: the tangent's angle from the clamp's, its cosine and sine in the world; all three at
+# the start of the step; the pull on the rod beyond the node, times the node's weight, and its moment; the rate of the
+# angle; and the angle's share in the softest direction.
+_ANGLE, _COSINE, _SINE, _START_ANGLE, _START_COSINE, _START_SINE, _PULL_X, _PULL_Y, _MOMENT, _RATE, _SOFT = range(11)
+_NODE_ROWS = 11
 # Rows of the table of the hinges: pull, pull at the start of the step, change of the pull, error of closure, arm.
 _PULL, _START_PULL, _PULL_CHANGE, _GAP, _ARM = range(5)
 _HINGE_ROWS = 5
@@ -66,7 +66,7 @@ _ENERGY_TOLERANCE = 1e-12
 _TIE = 1e-6
 _STIFFEST, _SOFTEST, _SHIFT_GROWTH = 1e6, 1e-3, 4.0
 _BISECTIONS, _INVERSE_ITERATIONS = 5, 12
-_LEAST_STEP, _LARGEST_GROWTH = 1e-12, 4.0
+_FIRST_STEP, _LEAST_STEP, _LARGEST_GROWTH = 1e-3, 1e-12, 4.0
 # Movement in one step, rad, below which an equilibrium may be near, and below which the motion has ended.
 _SLOW, _AT_REST = 0.1, 1e-6
 _MOST_ESCAPES = 4
@@ -285,7 +285,7 @@ def _descend(
     legs: Array, inputs: Array, load: Array, rules: RelaxationRules, steps: int, work: Relaxation, closure: Workspace
 ) -> tuple[int, int]:
     """Follow the motion until it rests, put the equilibrium there into `work.x`; return a status and the steps."""
-    tau, energy = 1e-3, _energy(legs, load, work)
+    tau, growth, energy = _FIRST_STEP, _LARGEST_GROWTH, _energy(legs, load, work)
     work.rods[:, _RATE] = 0.0
     work.energies[steps] = energy
     while steps < rules.steps and tau > _LEAST_STEP:
@@ -307,8 +307,11 @@ def _descend(
                 return (LANDED if index == 0 else _AT_SADDLE), steps
             if movement < _AT_REST:
                 return NOT_POLISHED, steps
-        growth = min(0.9 * math.sqrt(rules.angle_error / (error + 1e-100)), _LARGEST_GROWTH)
-        tau *= max(growth, 0.25) if is_accepted else 0.25
+        if is_accepted:
+            tau *= min(max(0.9 * math.sqrt(rules.angle_error / (error + 1e-100)), 0.5), growth)
+            growth = _LARGEST_GROWTH
+        else:
+            tau, growth = 0.4 * tau, 1.3
     return NOT_SETTLED, steps
 
 
@@ -368,23 +371,16 @@ def _set_rods(legs: Array, x: Array, work: Relaxation, closure: Workspace) -> No
 
 
 @kernel
-def _set_points(legs: Array, leg: int, work: Relaxation, closure: Workspace) -> None:
-    """Fill tangents and points of a rod from its angles, and its hinge's arm and error of closure."""
+def _set_tangents(legs: Array, leg: int, work: Relaxation, closure: Workspace) -> None:
+    """Fill the tangents of a rod from its angles, and its hinge's arm and error of closure."""
     rods, hinges, length = work.rods[leg], work.hinges, legs[leg, LENGTH]
-    cosine, sine = rods[_COSINE], rods[_SINE]
     clamp_c, clamp_s = closure.clamps[leg, 2], closure.clamps[leg, 3]
     tip_x, tip_y = 0.0, 0.0
-    for q in range(cosine.shape[0]):
+    for q in range(rods.shape[1]):
         c, s = math.cos(rods[_ANGLE, q]), math.sin(rods[_ANGLE, q])
-        cosine[q], sine[q] = clamp_c * c - clamp_s * s, clamp_s * c + clamp_c * s
-        tip_x += length * work.grid.weights[q] * cosine[q]
-        tip_y += length * work.grid.weights[q] * sine[q]
-    for p in range(cosine.shape[0]):
-        x, y = 0.0, 0.0
-        for q in range(cosine.shape[0]):
-            x += work.grid.integral[p, q] * cosine[q]
-            y += work.grid.integral[p, q] * sine[q]
-        rods[_X, p], rods[_Y, p] = length * x, length * y
+        rods[_COSINE, q], rods[_SINE, q] = clamp_c * c - clamp_s * s, clamp_s * c + clamp_c * s
+        tip_x += length * work.grid.weights[q] * rods[_COSINE, q]
+        tip_y += length * work.grid.weights[q] * rods[_SINE, q]
     pose = work.pose[_NOW]
     c, s = (math.cos(pose[2]), math.sin(pose[2])) if pose.shape[0] == 3 else (1.0, 0.0)
     hinges[_ARM, leg, 0] = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
@@ -398,13 +394,10 @@ def _energy(legs: Array, load: Array, work: Relaxation) -> float:
     """Return the rods' bending energy less the work of the load on the end-effector."""
     energy = 0.0
     for i in range(legs.shape[0]):
-        angle, bending = work.rods[i, _ANGLE], 0.0
-        for p in range(angle.shape[0]):
-            moment = 0.0
-            for q in range(angle.shape[0]):
-                moment += work.grid.bending[p, q] * angle[q]
-            bending += angle[p] * moment
-        energy += 0.5 * legs[i, STIFFNESS] / legs[i, LENGTH] * bending
+        rods = work.rods[i]
+        _multiply(work.grid.bending, rods[_ANGLE], rods[_MOMENT])
+        for q in range(rods.shape[1]):
+            energy += 0.5 * legs[i, STIFFNESS] / legs[i, LENGTH] * rods[_ANGLE, q] * rods[_MOMENT, q]
     for d in range(load.shape[0]):
         energy -= load[d] * work.pose[_NOW, d]
     return energy
@@ -416,12 +409,11 @@ def _start_step(legs: Array, tau: float, work: Relaxation, closure: Workspace) -
     work.hinges[_START_PULL] = work.hinges[_PULL]
     work.pose[_START] = work.pose[_NOW]
     for i in range(legs.shape[0]):
-        _set_points(legs, i, work, closure)
+        _set_tangents(legs, i, work, closure)
         rods = work.rods[i]
-        rods[_START_ANGLE] = rods[_ANGLE]
-        rods[_START_X] = rods[_X]
-        rods[_START_Y] = rods[_Y]
         for q in range(rods.shape[1]):
+            rods[_START_ANGLE, q] = rods[_ANGLE, q]
+            rods[_START_COSINE, q], rods[_START_SINE, q] = rods[_COSINE, q], rods[_SINE, q]
             rods[_ANGLE, q] += tau * rods[_RATE, q]
 
 
@@ -448,10 +440,15 @@ def _measure_step(tau: float, work: Relaxation) -> tuple[float, float]:
 
 @kernel
 def _minimise(legs: Array, load: Array, hardness: float, work: Relaxation, closure: Workspace) -> bool:
-    """Find the end of the step, hardness = 1 / tau, by Newton's method; return whether it is a minimum."""
+    """Find the end of the step, hardness = 1 / tau, by Newton's method; return whether it is a minimum.
+
+    Where the functional is not convex the step is too long: an unstable motion grows faster than that.
+    """
     previous = math.inf
     for iteration in range(_MOST_CORRECTIONS):
         index, stiffness = _factorise_at(legs, load, hardness, work, closure)
+        if index > 0:
+            return False
         _solve(legs, stiffness, work)
         size = 0.0
         for i in range(legs.shape[0]):
@@ -462,7 +459,7 @@ def _minimise(legs: Array, load: Array, hardness: float, work: Relaxation, closu
         work.hinges[_PULL] += work.hinges[_PULL_CHANGE]
         work.pose[_NOW] += work.pose[_CHANGE]
         if size < _LAST_CORRECTION:
-            return index == 0
+            return True
         if size > (_LARGEST_CORRECTION if iteration == 0 else _CONTRACTION * previous):
             return False
         previous = size
@@ -485,7 +482,7 @@ def _factorise_at(
     zz = 0.0 if dof == 3 else 1.0  # a point cannot turn: it is given a turn of its own
     for i in range(legs.shape[0]):
         _assemble(legs, i, hardness, work, closure)
-        index += _factorise(work.matrix[i]) - _condense(i, work)
+        index += _factorise(work.matrix[i]) - _condense(i, legs[i, LENGTH], work)
         a_xx, a_xy, a_yy = work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2]
         arm_x, arm_y = work.hinges[_ARM, i, 0], work.hinges[_ARM, i, 1]
         pull_x, pull_y = work.hinges[_PULL, i, 0], work.hinges[_PULL, i, 1]
@@ -508,40 +505,37 @@ def _factorise_at(
 
 
 @kernel
-def _assemble(legs: Array, leg: int, hardness: float, work: Relaxation, closure: Workspace) -> None:
-    """Fill matrix and right side of a rod: the functional's second derivative and minus its first, by the angles."""
-    _set_points(legs, leg, work, closure)
-    rods, matrix, right = work.rods[leg], work.matrix[leg], work.right[leg]
-    cosine, sine, angle = rods[_COSINE], rods[_SINE], rods[_ANGLE]
-    length = legs[leg, LENGTH]
-    bending, drag = legs[leg, STIFFNESS] / length, hardness * length**3
-    _set_pulls(legs, leg, hardness, work)
-    for p in range(angle.shape[0]):
-        right[1, p] = -length * work.grid.weights[p] * sine[p]
-        right[2, p] = length * work.grid.weights[p] * cosine[p]
-        slope = length * (cosine[p] * rods[_PULL_Y, p] - sine[p] * rods[_PULL_X, p])
-        for q in range(angle.shape[0]):
-            slope += bending * work.grid.bending[p, q] * angle[q]
-            matrix[p, q] = bending * work.grid.bending[p, q] + drag * work.grid.drag[p, q] * (
-                cosine[p] * cosine[q] + sine[p] * sine[q]
-            )
-        right[0, p] = -slope
-        matrix[p, p] -= length * (cosine[p] * rods[_PULL_X, p] + sine[p] * rods[_PULL_Y, p])
+def _multiply(matrix: Array, vector: Array, out: Array) -> None:
+    """Fill `out` with a symmetric matrix times a vector, row by row: that the compiler can vectorise."""
+    out[:] = 0.0
+    for p in range(vector.shape[0]):
+        for q in range(vector.shape[0]):
+            out[q] += matrix[p, q] * vector[p]
 
 
 @kernel
-def _set_pulls(legs: Array, leg: int, hardness: float, work: Relaxation) -> None:
-    """Fill the pull on the rod beyond each node, times the node's weight: the hinge's and the drag's."""
-    rods, weights, integral = work.rods[leg], work.grid.weights, work.grid.integral
-    for q in range(weights.shape[0]):
-        rods[_PULL_X, q] = weights[q] * work.hinges[_PULL, leg, 0]
-        rods[_PULL_Y, q] = weights[q] * work.hinges[_PULL, leg, 1]
+def _assemble(legs: Array, leg: int, hardness: float, work: Relaxation, closure: Workspace) -> None:
+    """Fill matrix and right sides of a rod: the functional's second derivative and minus its first, by the angles."""
+    _set_tangents(legs, leg, work, closure)
+    rods, matrix, right, weights = work.rods[leg], work.matrix[leg], work.right[leg], work.grid.weights
+    cosine, sine, pull_x, pull_y = rods[_COSINE], rods[_SINE], rods[_PULL_X], rods[_PULL_Y]
+    length = legs[leg, LENGTH]
+    bending, drag = legs[leg, STIFFNESS] / length, hardness * length**3
+    for q in range(weights.shape[0]):  # rows of the solution as scratch: how the tangents changed
+        right[1, q], right[2, q] = cosine[q] - rods[_START_COSINE, q], sine[q] - rods[_START_SINE, q]
+    _multiply(work.grid.drag, right[1], pull_x)
+    _multiply(work.grid.drag, right[2], pull_y)
+    _multiply(work.grid.bending, rods[_ANGLE], rods[_MOMENT])
     for p in range(weights.shape[0]):
-        drag = hardness * legs[leg, LENGTH] * weights[p]
-        drag_x, drag_y = drag * (rods[_X, p] - rods[_START_X, p]), drag * (rods[_Y, p] - rods[_START_Y, p])
-        for q in range(weights.shape[0]):
-            rods[_PULL_X, q] += drag_x * integral[p, q]
-            rods[_PULL_Y, q] += drag_y * integral[p, q]
+        pull_x[p] = drag * pull_x[p] + length * weights[p] * work.hinges[_PULL, leg, 0]
+        pull_y[p] = drag * pull_y[p] + length * weights[p] * work.hinges[_PULL, leg, 1]
+        right[0, p] = sine[p] * pull_x[p] - cosine[p] * pull_y[p] - bending * rods[_MOMENT, p]
+        right[1, p], right[2, p] = -length * weights[p] * sine[p], length * weights[p] * cosine[p]
+        along, across = drag * cosine[p], drag * sine[p]
+        for q in range(p, weights.shape[0]):
+            turn = along * cosine[q] + across * sine[q]
+            matrix[p, q] = bending * work.grid.bending[p, q] + work.grid.drag[p, q] * turn
+        matrix[p, p] -= cosine[p] * pull_x[p] + sine[p] * pull_y[p]
 
 
 @kernel
@@ -578,17 +572,17 @@ def _solve_factorised(matrix: Array, right: Array) -> None:
 
 
 @kernel
-def _condense(leg: int, work: Relaxation) -> int:
+def _condense(leg: int, length: float, work: Relaxation) -> int:
     """Solve for the rod's answer to tip forces, fill its tip's stiffness; return how many negative eigenvalues it has."""
-    right, weights = work.right[leg], work.grid.weights
-    tip_x, tip_y = right[1].copy(), right[2].copy()
+    rods, right = work.rods[leg], work.right[leg]
     _solve_factorised(work.matrix[leg], right[1])
     _solve_factorised(work.matrix[leg], right[2])
     c_xx = c_xy = c_yy = 0.0
-    for q in range(weights.shape[0]):
-        c_xx += tip_x[q] * right[1, q]
-        c_xy += tip_x[q] * right[2, q]
-        c_yy += tip_y[q] * right[2, q]
+    for q in range(rods.shape[1]):
+        part = length * work.grid.weights[q]
+        c_xx -= part * rods[_SINE, q] * right[1, q]
+        c_xy -= part * rods[_SINE, q] * right[2, q]
+        c_yy += part * rods[_COSINE, q] * right[2, q]
     determinant = c_xx * c_yy - c_xy * c_xy
     work.leg_stiffness[leg, 0] = c_yy / determinant
     work.leg_stiffness[leg, 1] = -c_xy / determinant
