@@ -54,10 +54,11 @@ _HINGE_ROWS = 5
 _NOW, _START, _CHANGE = range(3)
 
 _NODES = 20
-_LAST_CORRECTION = 1e-7
-_MOST_CORRECTIONS = 12
-_LARGEST_CORRECTION = 0.5
-_CONTRACTION = 0.5
+_LAST_CORRECTION = 1e-6
+_MOST_CORRECTIONS = 8
+# A correction of an angle, rad, and its ratio to the one before, beyond which Newton's method is given up. It may rise
+# once: the first correction also has to find the pulls.
+_LARGEST_CORRECTION, _LARGEST_RISE = 0.5, 2.0
 # Size of the first disturbance, the root mean square of the rods' displacement, and how often it may be doubled.
 _DISTURBANCE, _DOUBLINGS = 0.005, 4
 # Differences of energy below this are rounding.
@@ -76,7 +77,7 @@ _POLISH_RULES = NewtonRules(first_correction=0.02, contraction=0.5, iterations=1
 class RelaxationRules(NamedTuple):
     """How closely the motion is followed, and for how long."""
 
-    angle_error: float = 0.03  # error of a tangent's angle that a step aims at, rad
+    angle_error: float = 0.1  # error of a tangent's angle that a step aims at, rad
     steps: int = 400
 
 
@@ -301,11 +302,12 @@ def _descend(
                 work.rods[i, _RATE] = (work.rods[i, _ANGLE] - work.rods[i, _START_ANGLE]) / tau
         else:
             _undo_step(work)
-        if movement < _SLOW and (is_accepted or movement < _AT_REST):
-            index = _polish(legs, inputs, load, energy, movement < _AT_REST, work, closure)
+        is_at_rest = is_found and movement < _AT_REST
+        if is_at_rest or (is_accepted and movement < _SLOW):
+            index = _polish(legs, inputs, load, energy, is_at_rest, work, closure)
             if index >= 0:
                 return (LANDED if index == 0 else _AT_SADDLE), steps
-            if movement < _AT_REST:
+            if is_at_rest:
                 return NOT_POLISHED, steps
         if is_accepted:
             tau *= min(max(0.9 * math.sqrt(rules.angle_error / (error + 1e-100)), 0.5), growth)
@@ -445,7 +447,7 @@ def _minimise(legs: Array, load: Array, hardness: float, work: Relaxation, closu
     Where the functional is not convex the step is too long: an unstable motion grows faster than that.
     """
     previous = math.inf
-    for iteration in range(_MOST_CORRECTIONS):
+    for _ in range(_MOST_CORRECTIONS):
         index, stiffness = _factorise_at(legs, load, hardness, work, closure)
         if index > 0:
             return False
@@ -460,7 +462,7 @@ def _minimise(legs: Array, load: Array, hardness: float, work: Relaxation, closu
         work.pose[_NOW] += work.pose[_CHANGE]
         if size < _LAST_CORRECTION:
             return True
-        if size > (_LARGEST_CORRECTION if iteration == 0 else _CONTRACTION * previous):
+        if size > min(_LARGEST_CORRECTION, _LARGEST_RISE * previous):
             return False
         previous = size
     return False
