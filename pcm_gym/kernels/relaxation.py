@@ -39,8 +39,8 @@ from pcm_gym.kernels.stability import assess_stability
 
 Array = NDArray[np.float64]
 
-# How a relaxation ended; the last one is used inside alone.
-LANDED, STAYED, NOT_SETTLED, NOT_POLISHED, _AT_SADDLE = range(5)
+# How a relaxation ended; the last two are used inside alone.
+LANDED, STAYED, NOT_RESOLVED, NOT_SETTLED, NOT_POLISHED, _MOVING, _AT_SADDLE = range(7)
 
 # Rows of the table of a rod's nodes: the tangent's angle from the clamp's, its cosine and sine in the world; all three at
 # the start of the step; the pull on the rod beyond the node, times the node's weight, and its moment; the rate of the
@@ -61,6 +61,8 @@ _MOST_CORRECTIONS = 8
 _LARGEST_CORRECTION, _LARGEST_RISE = 0.5, 2.0
 # Size of the first disturbance, the root mean square of the rods' displacement, and how often it may be doubled.
 _DISTURBANCE, _DOUBLINGS = 0.005, 4
+# Largest error of the energy of the start, relative to 1 + energy, with which the nodes still stand for the rods.
+_RESOLUTION = 1e-5
 # Differences of energy below this are rounding.
 _ENERGY_TOLERANCE = 1e-12
 # Energies on both sides whose falls differ by less than this part count as equal.
@@ -162,9 +164,9 @@ def relax(
     work.x[:] = x
     steps = 0
     for _ in range(_MOST_ESCAPES):
-        if not _disturb(legs, load, work, closure):
-            return Relaxed(STAYED if steps == 0 else NOT_SETTLED, steps, 0.0)
-        status, steps = _descend(legs, inputs, load, rules, steps, work, closure)
+        status = _disturb(legs, load, work, closure)
+        if status == _MOVING:
+            status, steps = _descend(legs, inputs, load, rules, steps, work, closure)
         if status == LANDED:
             released = total_energy(legs, x, load) - total_energy(legs, work.x, load)
             x[:] = work.x
@@ -175,17 +177,19 @@ def relax(
 
 
 @kernel
-def _disturb(legs: Array, load: Array, work: Relaxation, closure: Workspace) -> bool:
+def _disturb(legs: Array, load: Array, work: Relaxation, closure: Workspace) -> int:
     """Push the rods of the equilibrium `work.x` along its softest direction, to the side where the energy falls.
 
     The smallest disturbance is taken that lowers the energy on one side; if on both, the lower one; if they are equal
-    (a pitchfork), the side on which the first rod that moves turns its tip counter-clockwise. Returns False where
-    none lowers it: the equilibrium is stable.
+    (a pitchfork), the side on which the first rod that moves turns its tip counter-clockwise. Where none lowers it,
+    the equilibrium is stable.
     """
+    exact = total_energy(legs, work.x, load)
     hardness = _set_soft_direction(legs, load, work, closure)
-    if not _push(legs, load, 0.0, hardness, work, closure):
-        return False
+    is_found = _push(legs, load, 0.0, hardness, work, closure)
     rest = _energy(legs, load, work)
+    if not (is_found and abs(rest - exact) < _RESOLUTION * (1.0 + abs(exact))):
+        return NOT_RESOLVED
     size = _DISTURBANCE
     for _ in range(_DOUBLINGS + 1):
         is_found = _push(legs, load, -size, hardness, work, closure)
@@ -193,13 +197,13 @@ def _disturb(legs: Array, load: Array, work: Relaxation, closure: Workspace) -> 
         is_found = _push(legs, load, size, hardness, work, closure) and is_found
         ahead = _energy(legs, load, work)
         if not is_found:
-            return False
+            return NOT_RESOLVED
         if min(ahead, behind) < rest - _ENERGY_TOLERANCE:
             if behind < ahead - _TIE * (abs(ahead - rest) + abs(behind - rest)) - _ENERGY_TOLERANCE:
                 _push(legs, load, -size, hardness, work, closure)
-            return True
+            return _MOVING
         size *= 2.0
-    return False
+    return STAYED
 
 
 @kernel
