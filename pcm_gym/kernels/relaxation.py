@@ -59,8 +59,8 @@ _MOST_CORRECTIONS = 8
 # A correction of an angle, rad, and its ratio to the one before, beyond which Newton's method is given up. It may rise
 # once: the first correction also has to find the pulls.
 _LARGEST_CORRECTION, _LARGEST_RISE = 0.5, 2.0
-# Size of the first disturbance, the root mean square of the rods' displacement, and how often it may be doubled.
-_DISTURBANCE, _DOUBLINGS = 0.005, 4
+# Size of the first and of the last disturbance, the root mean square of the rods' displacement, and the trials in all.
+_LEAST_DISTURBANCE, LARGEST_DISTURBANCE, _DISTURBANCES = 0.004, 0.016, 10
 # Largest error of the energy of the start, relative to 1 + energy, with which the nodes still stand for the rods.
 _RESOLUTION = 1e-5
 # Differences of energy below this are rounding.
@@ -73,7 +73,10 @@ _FIRST_STEP, _LEAST_STEP, _LARGEST_GROWTH = 1e-3, 1e-12, 4.0
 # Movement in one step, rad, below which an equilibrium may be near, and below which the motion has ended.
 _SLOW, _AT_REST = 0.1, 1e-6
 _MOST_ESCAPES = 4
-_POLISH_RULES = NewtonRules(first_correction=0.02, contraction=0.5, iterations=12)
+# The tip load of a taut rod is exponentially sensitive: Newton's method is given its way, and what it finds is judged
+# by how far from the rods it is: pose, and forces relative to 1 + force.
+_POLISH_RULES = NewtonRules(first_correction=math.inf, contraction=100.0, iterations=20)
+_NEAR = 0.02
 
 
 class RelaxationRules(NamedTuple):
@@ -190,20 +193,23 @@ def _disturb(legs: Array, load: Array, work: Relaxation, closure: Workspace) -> 
     rest = _energy(legs, load, work)
     if not (is_found and abs(rest - exact) < _RESOLUTION * (1.0 + abs(exact))):
         return NOT_RESOLVED
-    size = _DISTURBANCE
-    for _ in range(_DOUBLINGS + 1):
+    size = _LEAST_DISTURBANCE
+    for _ in range(_DISTURBANCES):
         is_found = _push(legs, load, -size, hardness, work, closure)
         behind = _energy(legs, load, work)
         is_found = _push(legs, load, size, hardness, work, closure) and is_found
         ahead = _energy(legs, load, work)
         if not is_found:
-            return NOT_RESOLVED
-        if min(ahead, behind) < rest - _ENERGY_TOLERANCE:
+            hardness *= 4.0
+        elif min(ahead, behind) < rest - _ENERGY_TOLERANCE:
             if behind < ahead - _TIE * (abs(ahead - rest) + abs(behind - rest)) - _ENERGY_TOLERANCE:
                 _push(legs, load, -size, hardness, work, closure)
             return _MOVING
-        size *= 2.0
-    return STAYED
+        else:
+            size *= 2.0
+        if size > LARGEST_DISTURBANCE:
+            return STAYED
+    return NOT_RESOLVED
 
 
 @kernel
@@ -306,7 +312,9 @@ def _descend(
                 work.rods[i, _RATE] = (work.rods[i, _ANGLE] - work.rods[i, _START_ANGLE]) / tau
         else:
             _undo_step(work)
-        is_at_rest = is_found and movement < _AT_REST
+        # a step that is short though it might be long says nothing: near a fold all motion is slow
+        is_longest = not is_accepted or growth < _LARGEST_GROWTH
+        is_at_rest = is_found and is_longest and movement < _AT_REST
         if is_at_rest or (is_accepted and movement < _SLOW):
             index = _polish(legs, inputs, load, energy, is_at_rest, work, closure)
             if index >= 0:
@@ -348,10 +356,23 @@ def _polish(
     if solve_forward_locally(legs, inputs, load, work.x, _POLISH_RULES, closure) != CONVERGED:
         return -1
     evaluate_rods(legs, work.x, closure)
-    index = assess_stability(legs, work.x, closure).morse_index
-    if total_energy(legs, work.x, load) > energy + _ENERGY_TOLERANCE:
+    if not _is_near(work, closure) or total_energy(legs, work.x, load) > energy + _ENERGY_TOLERANCE:
         return -1
+    index = assess_stability(legs, work.x, closure).morse_index
     return index if index == 0 or is_at_rest else -1
+
+
+@kernel
+def _is_near(work: Relaxation, closure: Workspace) -> bool:
+    """Return whether the equilibrium `work.x`, whose rod table is set, is near the moving rods."""
+    apart, leg_count = 0.0, work.rods.shape[0]
+    for d in range(work.pose.shape[1]):
+        apart = max(apart, abs(work.x[2 * leg_count + d] - work.pose[_NOW, d]))
+    for i in range(leg_count):
+        force_x, force_y = closure.rods[i, FORCE_X], closure.rods[i, FORCE_Y]
+        change = math.hypot(force_x + work.hinges[_PULL, i, 0], force_y + work.hinges[_PULL, i, 1])
+        apart = max(apart, change / (1.0 + math.hypot(force_x, force_y)))
+    return apart < _NEAR
 
 
 @kernel

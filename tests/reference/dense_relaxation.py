@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import BDF
 
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.solving import Equilibrium
@@ -121,25 +121,18 @@ class Chains:
     def settle(self, z: Array, relative_tol: float = 1e-4) -> Rest:
         """Follow the motion from z until it rests."""
 
-        def is_moving(_: float, z: Array) -> float:
-            return float(np.abs(self.velocity(z)[0]).max()) - _REST
-
-        is_moving.terminal = True  # type: ignore[attr-defined]
-        is_moving.direction = -1.0  # type: ignore[attr-defined]
-        solved = solve_ivp(
-            lambda _, z: self.velocity(z)[0],
-            (0.0, _LONGEST_TIME),
-            z,
-            method="BDF",
-            rtol=relative_tol,
-            atol=1e-2 * relative_tol,
-            events=is_moving,
+        solver = BDF(
+            lambda _, z: self.velocity(z)[0], 0.0, z, _LONGEST_TIME, rtol=relative_tol, atol=1e-2 * relative_tol
         )
-        assert solved.success, solved.message
-        end = solved.y[:, -1]
-        angles, pose = self.split(end)
-        energies = np.array([self.energy(column) for column in solved.y.T])
-        return Rest(angles, pose, self.joints(end), self.velocity(end)[1], energies, float(solved.t[-1]))
+        energies, is_moving = [self.energy(z)], True
+        while is_moving and solver.status == "running":
+            message = solver.step()
+            assert solver.status != "failed", message
+            energies.append(self.energy(solver.y))
+            rates, forces = self.velocity(solver.y)
+            is_moving = np.abs(rates).max() > _REST
+        angles, pose = self.split(solver.y)
+        return Rest(angles, pose, self.joints(solver.y), forces, np.array(energies), float(solver.t))
 
 
 def push_over(
@@ -147,16 +140,20 @@ def push_over(
 ) -> tuple[Rest, Array, Array]:
     """Push the chains a little way through a fold, along the rates of inputs and load, and let them fall.
 
-    Discretised, the fold is elsewhere by the square of the links' length: the push is doubled until the chains leave.
-    Returns where they rest, and the inputs and load there.
+    Discretised, the fold is elsewhere by the square of the links' length: the push is doubled until the chains leave,
+    that is, until a link turns by more than a radian, or by more than twice what it does when pushed as far in the
+    other direction. Returns where they rest, and the inputs and load there.
     """
     push = first_push
-    for _ in range(6):
-        inputs, load = fold.inputs + push * inputs_rate, fold.load + push * load_rate
-        chains = Chains(fold.mechanism, inputs, load, links, law)
-        z = chains.start(fold)
-        rest = chains.settle(z)
-        if np.abs(rest.joints - chains.joints(z)).max() > 10.0 * push * fold.mechanism.units.length:
+    for _ in range(5):
+        moved = []
+        for signed in (-push, push):
+            inputs, load = fold.inputs + signed * inputs_rate, fold.load + signed * load_rate
+            chains = Chains(fold.mechanism, inputs, load, links, law)
+            z = chains.start(fold)
+            rest = chains.settle(z)
+            moved.append(np.abs(rest.angles - chains.split(z)[0]).max())
+        if moved[1] > min(1.0, 2.0 * moved[0]):
             return rest, inputs, load
         push *= 2.0
     raise AssertionError(f"the chains do not leave {fold!r}")
