@@ -83,7 +83,9 @@ def main(
     """Compare landings with chains of links, whose drag resists their motion, and with such as resist turning."""
     console = Console(width=None if Console().is_terminal else 150)
     rng = np.random.default_rng(seed)
-    table = Table("", "folds", "with load", "landed", "same", "same, turning resisted", "farthest same", "nearest other")
+    table = Table(
+        "", "folds", "with load", "landed", "same", "same, turning resisted", "farthest same", "nearest other"
+    )
     with Progress(console=console, transient=True) as progress:
         for name, share in _SHARES.items():
             folds = find_folds(name, round(share * count), rng)

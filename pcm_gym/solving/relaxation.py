@@ -6,8 +6,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels import relaxation
 from pcm_gym.kernels.closure import make_workspace
+from pcm_gym.kernels.moving_rods import make_moving_rods
+from pcm_gym.kernels.relaxation import LARGEST_DISTURBANCE, RelaxationRules, relax
 from pcm_gym.solving.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
@@ -15,8 +16,7 @@ Array = NDArray[np.float64]
 _LARGEST_RESIDUAL = 1e-6
 # Gauss points per rod: the second number is tried where the first does not lead to a landing.
 _NODES = (20, 40)
-_RULES = relaxation.RelaxationRules()
-_LARGEST = relaxation.LARGEST_DISTURBANCE
+_RULES = RelaxationRules()
 
 
 class SnapStatus(StrEnum):
@@ -97,17 +97,16 @@ def snap(equilibrium: Equilibrium) -> Snap:
 
     Notes
     -----
-    The fall begins with a disturbance, as small as will do, along the softest motion of the rods, to the side where the energy falls;
-    from an unstable equilibrium, where it falls on both, to the lower one. Where both are equal, at a pitchfork of a
-    symmetric mechanism, it is a choice: the side on which the tip of the first rod that moves turns counter-clockwise.
-    The same equilibrium always gives the same landing.
+    The fall begins with a disturbance, as small as will do, along the softest motion of the rods, to the side where the
+    energy falls; from an unstable equilibrium, where it falls on both, to the lower one. Where both are equal, at a
+    pitchfork of a symmetric mechanism, it is a choice: the side on which the tip of the first rod that moves turns
+    counter-clockwise. The same equilibrium always gives the same landing.
 
     Near the border between two basins the landing depends on the law of damping, which no static theory knows.
     ``python -m benchmarks.snaps`` measures how often.
 
     About 1 ms for two rods, 3 ms for three.
     """
-    mechanism = equilibrium.mechanism
     if not equilibrium.residual < _LARGEST_RESIDUAL:
         raise ValueError(f"equilibrium must be one, got a state with residual {equilibrium.residual:.3g}")
     for nodes in _NODES:
@@ -116,8 +115,8 @@ def snap(equilibrium: Equilibrium) -> Snap:
             return found
     if found.status == SnapStatus.STAYED and equilibrium.index == 0:
         raise ValueError(
-            f"equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
-            f"{equilibrium.stability_margin:.3g}: no disturbance of its rods by up to {_LARGEST:.1%} of their length "
+            "equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
+            f"{equilibrium.stability_margin:.3g}: no disturbance of its rods by up to {LARGEST_DISTURBANCE:.1%} of their length "
             "lowers its energy (at a bifurcation into stable branches, step beyond it first)"
         )
     return found
@@ -125,9 +124,9 @@ def snap(equilibrium: Equilibrium) -> Snap:
 
 def _fall(equilibrium: Equilibrium, nodes: int) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
-    moving = relaxation.make_relaxation(mechanism.leg_count, mechanism.state_size, _RULES, nodes)
+    moving = make_moving_rods(mechanism.leg_count, mechanism.state_size, _RULES.steps, nodes)
     state = np.array(equilibrium.state)
-    relaxed = relaxation.relax(
+    relaxed = relax(
         mechanism.leg_table,
         state,
         equilibrium.inputs / units.inputs,

@@ -136,7 +136,12 @@ class Chains:
 
 
 def push_over(
-    fold: Equilibrium, inputs_rate: Array, load_rate: Array, links: int, law: Law = "positions", first_push: float = 0.01
+    fold: Equilibrium,
+    inputs_rate: Array,
+    load_rate: Array,
+    links: int,
+    law: Law = "positions",
+    first_push: float = 0.01,
 ) -> tuple[Rest, Array, Array]:
     """Push the chains a little way through a fold, along the rates of inputs and load, and let them fall.
 

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.relaxation import LANDED, Relaxed, RelaxationRules, make_grid, make_relaxation, relax
-from pcm_gym.mechanism import Leg, Mechanism, Revolute
+from pcm_gym.kernels.moving_rods import make_grid, make_moving_rods
+from pcm_gym.kernels.relaxation import LANDED, RelaxationRules, Relaxed, relax
+from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Rod
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Snap, SnapStatus, snap, solve_forward
 from tests.reference.dense_relaxation import Chains, push_over
-from tests.reference.mechanisms import find_equilibria, home_by_construction, random_inputs, random_load, random_mechanism
+from tests.reference.mechanisms import (
+    find_equilibria,
+    home_by_construction,
+    random_inputs,
+    random_load,
+    random_mechanism,
+)
 from tests.reference.orders import fitted_order
 
 
@@ -72,12 +79,13 @@ class TestLanding:
         assert (np.diff(found.energies) <= 0.0).all()
         # the followed motion starts and ends at these energies, but for the first disturbance and the last polish
         assert found.energies[0] == pytest.approx(fold.energy, abs=1e-4 * fold.mechanism.units.energy)
-        assert found.energies[-1] == pytest.approx(landing.energy, abs=1e-2 * found.energy_released)
+        assert found.energies[-1] == pytest.approx(landing.energy, abs=0.05 * found.energy_released)
 
-    @pytest.mark.parametrize("key", [key for key in FOLDS if key[0] == "2"])
+    @pytest.mark.parametrize("key", [key for key in FOLDS if key != "3PFR loaded"])  # that would take long
     def test_is_one_of_the_complete_forward_set(self, key: str, snaps: dict[str, tuple[Equilibrium, Snap]]) -> None:
         fold, found = snaps[key]
-        members = solve_forward(fold.mechanism, fold.inputs, fold.load).equilibria
+        rho_max = 1.02 * max(rod.rho for rod in found.equilibrium.rods)
+        members = solve_forward(fold.mechanism, fold.inputs, fold.load, rho_max)
         same = [member for member in members if np.abs(member.state - found.equilibrium.state).max() < 1e-8]
         assert len(same) == 1
 
@@ -115,7 +123,7 @@ def relaxed_from(start: Equilibrium, rules: RelaxationRules, nodes: int) -> tupl
         start.inputs / units.inputs,
         start.load / units.load,
         rules,
-        make_relaxation(mechanism.leg_count, mechanism.state_size, rules, nodes),
+        make_moving_rods(mechanism.leg_count, mechanism.state_size, rules.steps, nodes),
         make_workspace(mechanism.leg_count, mechanism.state_size),
     )
     return state, relaxed
@@ -135,11 +143,14 @@ class TestUnstableEquilibria:
                 found = snap(start)
                 assert found.is_landed, start
                 assert found.energy_released > 0.0
-                assert any(
-                    np.abs(member.state - found.equilibrium.state).max() < 1e-7
-                    for member in members.stable
-                    if member.energy < start.energy
-                ) or max(rod.rho for rod in found.equilibrium.rods) > 9.0
+                assert (
+                    any(
+                        np.abs(member.state - found.equilibrium.state).max() < 1e-7
+                        for member in members.stable
+                        if member.energy < start.energy
+                    )
+                    or max(rod.rho for rod in found.equilibrium.rods) > 9.0
+                )
         assert inner >= 2
 
     def test_of_platforms_fall(self) -> None:
@@ -154,20 +165,25 @@ class TestUnstableEquilibria:
 class TestPitchfork:
     """The 2PFR pressed down in its plane of symmetry: it may fall to either side."""
 
-    @pytest.fixture
-    def fork(self) -> Equilibrium:
+    @staticmethod
+    def fork(target: float) -> Equilibrium:
+        """Return the state at which tracking to this downward load, in EI / L^2, stops just before the pitchfork."""
         home = home_by_construction("2PFR")
-        step = BranchTracker(home.mechanism, home).step(home.inputs, np.array([0.0, -40.0]) * home.mechanism.units.load)
+        step = BranchTracker(home.mechanism, home).step(
+            home.inputs, np.array([0.0, target]) * home.mechanism.units.load
+        )
         assert step.event == Event.INDEX_CHANGE
         return step.equilibrium
 
-    def test_falls_to_a_fixed_side(self, fork: Equilibrium) -> None:
-        """To the side on which the tip of the first rod turns counter-clockwise, as in a curve to the left."""
-        landing = snap(fork).equilibrium
-        assert landing.is_stable
-        assert abs(landing.pose[0]) > 0.1
+    def test_falls_to_the_same_side_every_time(self) -> None:
+        """Whatever rounding has left of the symmetry at the states where tracking stops."""
+        landings = [snap(self.fork(target)).equilibrium for target in (-31.35, -32.0, -40.0, -100.0)]
+        assert all(landing.is_stable for landing in landings)
+        assert abs(landings[0].pose[0]) > 0.1
+        for landing in landings:
+            np.testing.assert_allclose(landing.pose, landings[0].pose, atol=1e-4)
 
-    def test_a_hair_of_load_to_a_side_decides_otherwise(self, fork: Equilibrium) -> None:
+    def test_a_hair_of_load_to_a_side_decides_otherwise(self) -> None:
         """Then it is a fold; both sides are there, and are mirror images."""
         home = home_by_construction("2PFR")
         landings = []
@@ -179,24 +195,35 @@ class TestPitchfork:
         np.testing.assert_allclose(landings[0] * [-1.0, 1.0], landings[1], atol=1e-6)
         assert landings[0][0] < -0.1
 
-    def test_beyond_it_the_unstable_branch_falls(self, fork: Equilibrium) -> None:
+    def test_beyond_it_the_unstable_branch_falls_to_the_same_side(self) -> None:
         home = home_by_construction("2PFR")
         load = np.array([0.0, -32.0]) * home.mechanism.units.load
         beyond = BranchTracker(home.mechanism, home, follow_index_changes=True).step(home.inputs, load).equilibrium
         assert beyond.index == 1
         landing = snap(beyond).equilibrium
         assert abs(landing.pose[0]) > 0.1
-        assert np.sign(landing.pose[0]) == np.sign(snap(fork).equilibrium.pose[0])
+        assert np.sign(landing.pose[0]) == np.sign(snap(self.fork(-32.0)).equilibrium.pose[0])
 
 
 class TestWithoutLanding:
     def test_a_moment_may_turn_a_platform_for_ever(self) -> None:
-        """A moment that no equilibrium on the way can hold: each turn lowers the energy."""
-        SPIN
+        """A small platform on soft rods gives way to a moment: each turn lowers the energy."""
+        directions = np.radians([90.0, 210.0, 330.0])
+        outwards = np.column_stack([np.cos(directions), np.sin(directions)])
+        legs = tuple(
+            Leg(Prismatic(tuple(0.6 * out), turn + math.pi / 2.0, turn + math.pi + 0.5), Rod(), tuple(0.15 * out))
+            for out, turn in zip(outwards, directions, strict=True)
+        )
+        mechanism, rng = Mechanism("soft", legs), np.random.default_rng(0)
+        load = np.array([0.0, 0.0, 8.0])
+        equilibria = find_equilibria(mechanism, np.zeros(3), load, rng, 1500, 6.5)
+        start = next(found for found in equilibria if not found.is_stable)
+        found = snap(start)
         assert found.status == SnapStatus.NOT_SETTLED
         assert not found.is_landed
-        assert found.equilibrium is step.equilibrium
+        assert found.equilibrium is start
         assert found.energy_released == 0.0
+        assert found.energies[-1] < found.energies[0] - 3.0 * 2.0 * math.pi * load[2]
 
     def test_every_status_has_a_message(self) -> None:
         assert len({status.message for status in SnapStatus}) == len(SnapStatus)
@@ -244,7 +271,8 @@ class TestChains:
         chains = Chains(fold.mechanism, fold.inputs + 0.01 * inputs_rate, fold.load + 0.01 * load_rate, 24)
         energies = chains.settle(chains.start(fold)).energies
         closing = 10  # steps in which the error of closure decays
-        assert (np.diff(energies[closing:]) < 1e-6 * (energies.max() - energies.min())).all()
+        # at rest it wavers by the integrator's tolerance, 1e-4 in the angles
+        assert (np.diff(energies[closing:]) < 1e-5 * (energies.max() - energies.min())).all()
 
     def test_equilibria_converge_with_the_square_of_the_links(self) -> None:
         home = home_by_construction("2RFR")
