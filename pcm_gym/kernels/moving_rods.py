@@ -39,8 +39,8 @@ from pcm_gym.kernels.stability import Stability, judge_stiffness
 Array = NDArray[np.float64]
 
 # Rows of the table of a rod's nodes: the tangent's angle from the clamp's, its cosine and sine in the world; all three
-# at the start of the step; the transverse load on the rest of the rod, by the node's weight; the bending matrix times the
-# angles; the rate of the angle; and the angle's part in a direction of interest.
+# at the start of the step; drag and tip force on the rod beyond the node, times the node's weight; the bending matrix
+# times the angles; the rate of the angle; and the angle's part in a direction of interest.
 ANGLE, COSINE, SINE, START_ANGLE, START_COSINE, START_SINE, PULL_X, PULL_Y, MOMENT, RATE, DIRECTION = range(11)
 _NODE_ROWS = 11
 # Rows of the tables of forces and poses: the present ones, those at the start of the step, their change.

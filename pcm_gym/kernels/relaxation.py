@@ -1,4 +1,4 @@
-"""Where a mechanism falls from a fold or from an unstable equilibrium: down the energy of its whole rods, overdamped."""
+"""Where a mechanism falls from a fold or an unstable equilibrium: down the energy of its whole rods, overdamped."""
 
 import math
 from typing import NamedTuple

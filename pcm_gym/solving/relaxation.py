@@ -116,8 +116,8 @@ def snap(equilibrium: Equilibrium) -> Snap:
     if found.status == SnapStatus.STAYED and equilibrium.index == 0:
         raise ValueError(
             "equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
-            f"{equilibrium.stability_margin:.3g}: no disturbance of its rods by up to {LARGEST_DISTURBANCE:.1%} of their length "
-            "lowers its energy (at a bifurcation into stable branches, step beyond it first)"
+            f"{equilibrium.stability_margin:.3g}: no disturbance of its rods by up to {LARGEST_DISTURBANCE:.1%} of "
+            "their length lowers its energy (at a bifurcation into stable branches, step beyond it first)"
         )
     return found
 

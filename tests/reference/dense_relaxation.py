@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Law = Literal["positions", "angles"]
 
 # Rate at which an error of closure decays, and time by which all rests, in drag L^4 / EI.
-_CLOSING_RATE = 300.0
+CLOSING_RATE = 300.0
 _LONGEST_TIME = 1e3
 # Rate of the links' angles that counts as rest.
 _REST = 1e-4
@@ -33,8 +33,8 @@ class Rest(NamedTuple):
     pose: Array  # (d,)
     joints: Array  # (legs, links + 1, 2): base to tip
     forces: Array  # (legs, 2): of the end-effector on the tips
-    energies: Array  # (steps,): at each step of the integrator
-    time: float
+    times: Array  # (steps,): of the integrator, in drag L^4 / EI
+    energies: Array  # (steps,)
 
 
 class Chains:
@@ -59,7 +59,7 @@ class Chains:
         self.springs = self._springs()
 
     def _springs(self) -> Array:
-        """Return the chains' bending matrix (legs, links, links); the clamp holds half a link's length from a middle."""
+        """Return the chains' bending matrices (legs, links, links); the clamp is half a link from the first middle."""
         one = 2.0 * np.eye(self.links) - np.eye(self.links, k=1) - np.eye(self.links, k=-1)
         one[0, 0], one[-1, -1] = 3.0, 1.0
         stiffness = [leg.rod.bending_stiffness / h for leg, h in zip(self.mechanism.legs, self.lengths, strict=True)]
@@ -114,7 +114,7 @@ class Chains:
             matrix[hinge, own], matrix[own, hinge] = slope, slope.T
             matrix[hinge, size:free], matrix[size:free, hinge] = -by_pose, -by_pose.T
             tip = self.bases[i] + h * np.array([cosine.sum(), sine.sum()])
-            right[hinge] = -_CLOSING_RATE * (tip - pose[:2] - arm)
+            right[hinge] = -CLOSING_RATE * (tip - pose[:2] - arm)
         solution = np.linalg.solve(matrix, right)
         return solution[:free], -solution[free:].reshape(legs, 2)
 
@@ -124,15 +124,16 @@ class Chains:
         solver = BDF(
             lambda _, z: self.velocity(z)[0], 0.0, z, _LONGEST_TIME, rtol=relative_tol, atol=1e-2 * relative_tol
         )
-        energies, is_moving = [self.energy(z)], True
+        times, energies, is_moving = [0.0], [self.energy(z)], True
         while is_moving and solver.status == "running":
             message = solver.step()
             assert solver.status != "failed", message
+            times.append(solver.t)
             energies.append(self.energy(solver.y))
             rates, forces = self.velocity(solver.y)
             is_moving = np.abs(rates).max() > _REST
         angles, pose = self.split(solver.y)
-        return Rest(angles, pose, self.joints(solver.y), forces, np.array(energies), float(solver.t))
+        return Rest(angles, pose, self.joints(solver.y), forces, np.array(times), np.array(energies))
 
 
 def push_over(
@@ -145,20 +146,19 @@ def push_over(
 ) -> tuple[Rest, Array, Array]:
     """Push the chains a little way through a fold, along the rates of inputs and load, and let them fall.
 
-    Discretised, the fold is elsewhere by the square of the links' length: the push is doubled until the chains leave,
-    that is, until a link turns by more than a radian, or by more than twice what it does when pushed as far in the
-    other direction. Returns where they rest, and the inputs and load there.
+    Discretised, the fold is elsewhere by the square of the links' length: the push is doubled, up to four times, until
+    the chains leave, that is, until a link turns by more than a radian, or by more than twice what it does when pushed
+    as far in the other direction. A very short fall may go unnoticed; then it is pushed the farthest. Returns where the
+    chains rest, and the inputs and load there.
     """
-    push = first_push
-    for _ in range(5):
-        moved = []
+    for push in first_push * 2.0 ** np.arange(5):
+        turns = []
         for signed in (-push, push):
             inputs, load = fold.inputs + signed * inputs_rate, fold.load + signed * load_rate
             chains = Chains(fold.mechanism, inputs, load, links, law)
             z = chains.start(fold)
             rest = chains.settle(z)
-            moved.append(np.abs(rest.angles - chains.split(z)[0]).max())
-        if moved[1] > min(1.0, 2.0 * moved[0]):
-            return rest, inputs, load
-        push *= 2.0
-    raise AssertionError(f"the chains do not leave {fold!r}")
+            turns.append(np.abs(rest.angles - chains.split(z)[0]).max())
+        if turns[1] > min(1.0, 2.0 * turns[0]):
+            break
+    return rest, inputs, load
