@@ -134,15 +134,22 @@ def set_rods(legs: Array, x: Array, moving: MovingRods, work: Workspace) -> None
             curvature = (cut.tip_x * cut.force_y - cut.tip_y * cut.force_x) / part
             for p in range(count):
                 angle[p] += moving.grid.integral[p, q] * curvature
-    moving.rods[:, RATE] = 0.0
+        moving.rods[i, RATE] = 0.0
+
+
+@kernel
+def tip_angle(moving: MovingRods, leg: int, row: int) -> float:
+    """Return the value at a rod's tip of what a row of the table holds at its nodes, 0 at the clamp."""
+    value = 0.0
+    for q in range(moving.grid.end.shape[0]):
+        value += moving.grid.end[q] * moving.rods[leg, row, q]
+    return value
 
 
 @kernel
 def tip_load(legs: Array, leg: int, moving: MovingRods, work: Workspace) -> tuple[float, float]:
     """Return the load g that a rod's tip sees, the rod's state in `rod`."""
-    turn = 0.0
-    for q in range(moving.grid.end.shape[0]):
-        turn += moving.grid.end[q] * moving.rods[leg, ANGLE, q]
+    turn = tip_angle(moving, leg, ANGLE)
     c = work.clamps[leg, 2] * math.cos(turn) - work.clamps[leg, 3] * math.sin(turn)
     s = work.clamps[leg, 3] * math.cos(turn) + work.clamps[leg, 2] * math.sin(turn)
     scale = legs[leg, LENGTH] ** 2 / legs[leg, STIFFNESS]
@@ -167,8 +174,7 @@ def energy_of(legs: Array, load: Array, moving: MovingRods) -> float:
 @kernel
 def start_step(legs: Array, time: float, moving: MovingRods, work: Workspace) -> None:
     """Keep the present state as the start of a step, and move the rods on as they moved before."""
-    moving.forces[START] = moving.forces[NOW]
-    moving.pose[START] = moving.pose[NOW]
+    _copy_tip_forces_and_pose(moving, NOW, START)
     for i in range(legs.shape[0]):
         _set_tangents(legs, i, moving, work)
         rods = moving.rods[i]
@@ -181,15 +187,27 @@ def start_step(legs: Array, time: float, moving: MovingRods, work: Workspace) ->
 @kernel
 def undo_step(moving: MovingRods) -> None:
     """Go back to the start of the step."""
-    moving.forces[NOW] = moving.forces[START]
-    moving.pose[NOW] = moving.pose[START]
-    moving.rods[:, ANGLE] = moving.rods[:, START_ANGLE]
+    _copy_tip_forces_and_pose(moving, START, NOW)
+    for i in range(moving.rods.shape[0]):
+        for q in range(moving.rods.shape[2]):
+            moving.rods[i, ANGLE, q] = moving.rods[i, START_ANGLE, q]
+
+
+@kernel
+def _copy_tip_forces_and_pose(moving: MovingRods, source: int, target: int) -> None:
+    for i in range(moving.forces.shape[1]):
+        for d in range(2):
+            moving.forces[target, i, d] = moving.forces[source, i, d]
+    for d in range(moving.pose.shape[1]):
+        moving.pose[target, d] = moving.pose[source, d]
 
 
 @kernel
 def set_rate(time: float, moving: MovingRods) -> None:
     """Fill the rate of the angles over the step."""
-    moving.rods[:, RATE] = (moving.rods[:, ANGLE] - moving.rods[:, START_ANGLE]) / time
+    for i in range(moving.rods.shape[0]):
+        for q in range(moving.rods.shape[2]):
+            moving.rods[i, RATE, q] = (moving.rods[i, ANGLE, q] - moving.rods[i, START_ANGLE, q]) / time
 
 
 @kernel
@@ -223,8 +241,10 @@ def find_minimum(legs: Array, load: Array, hardness: float, moving: MovingRods, 
                 change = moving.right[i, 0, q]
                 moving.rods[i, ANGLE, q] += change
                 size = max(size, abs(change)) if math.isfinite(change) else math.inf
-        moving.forces[NOW] += moving.forces[CHANGE]
-        moving.pose[NOW] += moving.pose[CHANGE]
+            moving.forces[NOW, i, 0] += moving.forces[CHANGE, i, 0]
+            moving.forces[NOW, i, 1] += moving.forces[CHANGE, i, 1]
+        for d in range(load.shape[0]):
+            moving.pose[NOW, d] += moving.pose[CHANGE, d]
         if size < _LAST_CORRECTION:
             return True
         if size > min(_LARGEST_CORRECTION, _LARGEST_RISE * previous):
@@ -283,8 +303,8 @@ def solve_factorised(legs: Array, stiffness: Symmetric, moving: MovingRods, work
 
 
 @kernel
-def set_drag(legs: Array, moving: MovingRods) -> float:
-    """Put the drag of a motion in the row `DIRECTION` on the right side; return the root mean square of that motion."""
+def scale_direction(legs: Array, moving: MovingRods) -> None:
+    """Scale the motion in the row `DIRECTION` to a root mean square of 1; put its drag on the right side."""
     squared, total = 0.0, 0.0
     count = moving.grid.nodes.shape[0]
     for i in range(legs.shape[0]):
@@ -299,7 +319,11 @@ def set_drag(legs: Array, moving: MovingRods) -> float:
             right[p] = cube * (along * rods[COSINE, p] + across * rods[SINE, p])
             squared += right[p] * rods[DIRECTION, p]
         total += legs[i, LENGTH]
-    return math.sqrt(squared / total)
+    scale = math.sqrt(total / squared)
+    for i in range(legs.shape[0]):
+        for q in range(count):
+            moving.rods[i, DIRECTION, q] *= scale
+            moving.right[i, 0, q] *= scale
 
 
 @kernel

@@ -19,11 +19,12 @@ from pcm_gym.kernels.moving_rods import (
     factorise_at,
     find_minimum,
     measure_step,
-    set_drag,
+    scale_direction,
     set_rate,
     set_rods,
     solve_factorised,
     start_step,
+    tip_angle,
     tip_load,
     undo_step,
 )
@@ -46,6 +47,8 @@ _ENERGY_TOLERANCE = 1e-12
 _TIE = 1e-6
 # The softest direction: the hardnesses tried, and the iterations.
 _LEAST_HARDNESS, _LARGEST_HARDNESS, _BISECTIONS, _INVERSE_ITERATIONS = 1e-3, 1e6, 5, 12
+# A rod moves in the softest direction if its tip turns by more than this part of the most that any does.
+_MOVES = 1e-3
 # Hardness at which the rods of a disturbed mechanism give way to each other.
 _DISTURBED_HARDNESS = 100.0
 _FIRST_STEP, _LEAST_STEP, _LARGEST_GROWTH = 1e-3, 1e-12, 4.0
@@ -157,16 +160,25 @@ def _set_soft_direction(legs: Array, load: Array, moving: MovingRods, work: Work
     hardness = _least_convex_hardness(legs, load, moving, work)
     stiffness = factorise_at(legs, load, hardness, moving, work).stiffness
     for i in range(legs.shape[0]):
+        moving.gaps[i] = 0.0
         for q in range(moving.rods.shape[2]):  # anything that no symmetry of a mechanism shares
             moving.rods[i, DIRECTION, q] = math.cos(1.0 + 3.0 * i + q * q)
-    moving.gaps[:] = 0.0
     for _ in range(_INVERSE_ITERATIONS):
-        moving.right[:, 0] /= set_drag(legs, moving)
+        scale_direction(legs, moving)
         moving.pose[CHANGE] = 0.0
         solve_factorised(legs, stiffness, moving, work)
-        moving.rods[:, DIRECTION] = moving.right[:, 0]
-    moving.rods[:, DIRECTION] /= set_drag(legs, moving) * _sign(moving)
+        _take_direction(moving, 1.0)
+    _take_direction(moving, _sign(moving))
+    scale_direction(legs, moving)
     return hardness
+
+
+@kernel
+def _take_direction(moving: MovingRods, sign: float) -> None:
+    """Put the last solution for the rods, times `sign`, into the row `DIRECTION`."""
+    for i in range(moving.rods.shape[0]):
+        for q in range(moving.rods.shape[2]):
+            moving.rods[i, DIRECTION, q] = sign * moving.right[i, 0, q]
 
 
 @kernel
@@ -187,12 +199,12 @@ def _least_convex_hardness(legs: Array, load: Array, moving: MovingRods, work: W
 @kernel
 def _sign(moving: MovingRods) -> float:
     """Return the sign of the tip's turn of the first rod that moves in the row `DIRECTION`."""
-    largest = np.abs(moving.rods[:, DIRECTION]).max()
+    largest = 0.0
     for i in range(moving.rods.shape[0]):
-        turn = 0.0
-        for q in range(moving.grid.end.shape[0]):
-            turn += moving.grid.end[q] * moving.rods[i, DIRECTION, q]
-        if abs(turn) > 1e-3 * largest:
+        largest = max(largest, abs(tip_angle(moving, i, DIRECTION)))
+    for i in range(moving.rods.shape[0]):
+        turn = tip_angle(moving, i, DIRECTION)
+        if abs(turn) > _MOVES * largest:
             return math.copysign(1.0, turn)
     return 1.0
 
