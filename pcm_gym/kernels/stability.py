@@ -43,17 +43,18 @@ def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
     unchanged across a pole of A, so at a pole the rods are judged a hair beside it.
     """
     if set_leg_stiffness(legs, work) > _POLE_LIMIT:
-        return _judge_stiffness(legs, x, work)
+        return judge_stiffness(legs, x, work)
     table = work.rods.copy()
     _evaluate_beside_poles(legs, x, work)
     work.rods[:, :TIP_G] = table[:, :TIP_G]  # the tips and forces themselves are not in doubt
-    verdict = _judge_stiffness(legs, x, work)
+    verdict = judge_stiffness(legs, x, work)
     work.rods[:] = table
     return verdict
 
 
 @kernel
-def _judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
+def judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
+    """Return the verdict from the legs' stiffness and the arms, forces and indices in the rod table."""
     matrix = stiffness(legs, x, work)
     index = 0
     for i in range(legs.shape[0]):

@@ -7,6 +7,7 @@ from pcm_gym.solving.equilibrium import Equilibrium, RodState
 from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
+from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
 from pcm_gym.solving.solutions import EquilibriumSet, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
@@ -21,11 +22,14 @@ __all__ = [
     "RasterStates",
     "Region",
     "RodState",
+    "Snap",
+    "SnapStatus",
     "StableStates",
     "TrackedStep",
     "build_atlas",
     "home_equilibrium",
     "load_atlas",
+    "snap",
     "solve_forward",
     "solve_inverse",
 ]

@@ -46,7 +46,7 @@ class TrackedStep:
     Attributes
     ----------
     equilibrium : Equilibrium
-        The target's equilibrium, or the last one before the event.
+        The target's equilibrium, or the last one before the event; from a fold, `snap` tells where it falls.
     event : Event
         Why the step ended; `Event.NONE` if the target was reached.
     fraction : float

@@ -17,7 +17,7 @@ import numpy as np
 from pcm_gym.kernels.elliptic import jacobi
 from pcm_gym.kernels.rod import rod, rod_energy, rod_parameters, rod_shape
 from pcm_gym.mechanism import Leg, Mechanism, Revolute
-from pcm_gym.solving import BranchTracker, Equilibrium
+from pcm_gym.solving import BranchTracker, Equilibrium, snap
 from tests.reference.mechanisms import random_mechanism, random_states
 
 numbers = []
@@ -51,6 +51,8 @@ for inputs, load in (([1.0, 2.3], [0.0, 5.0]), ([0.9, 2.4], [1.0, -3.0]), ([0.5,
 tracker = BranchTracker(mechanism, tracker.equilibrium)
 step = tracker.step(tracker.equilibrium.inputs, [0.0, -60.0])
 numbers += [step.fraction, len(step.event), *step.equilibrium.pose]
+landing = snap(step.equilibrium)
+numbers += [landing.energy_released, *all_of(landing.equilibrium)]
 print(json.dumps([float(number) for number in numbers]))
 """
 
