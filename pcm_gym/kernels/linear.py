@@ -55,6 +55,60 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], size: 
 
 
 @kernel
+def determinant(matrix: NDArray[np.float64], size: int) -> float:
+    """Return the determinant of the first `size` rows and columns of `matrix`, which is destroyed."""
+    product = 1.0
+    for column in range(size):
+        best = column
+        for row in range(column + 1, size):
+            if abs(matrix[row, column]) > abs(matrix[best, column]):
+                best = row
+        pivot = matrix[best, column]
+        if pivot == 0.0:
+            return 0.0
+        if best != column:
+            product = -product
+            for j in range(column, size):
+                matrix[column, j], matrix[best, j] = matrix[best, j], matrix[column, j]
+        product *= pivot
+        for row in range(column + 1, size):
+            factor = matrix[row, column] / pivot
+            for j in range(column + 1, size):
+                matrix[row, j] -= factor * matrix[column, j]
+    return product
+
+
+@kernel
+def null_vector(matrix: NDArray[np.float64], size: int, out: NDArray[np.float64]) -> None:
+    """Fill `out` (size,) with the direction that a singular matrix sends to zero, by full pivoting.
+
+    `matrix` is destroyed. Of a regular one it is the direction that belongs to the last pivot.
+    """
+    order = np.arange(size)
+    for column in range(size - 1):
+        best_row, best_column = column, column
+        for row in range(column, size):
+            for j in range(column, size):
+                if abs(matrix[row, j]) > abs(matrix[best_row, best_column]):
+                    best_row, best_column = row, j
+        for j in range(size):
+            matrix[column, j], matrix[best_row, j] = matrix[best_row, j], matrix[column, j]
+        for row in range(size):
+            matrix[row, column], matrix[row, best_column] = matrix[row, best_column], matrix[row, column]
+        order[column], order[best_column] = order[best_column], order[column]
+        for row in range(column + 1, size):
+            factor = matrix[row, column] / matrix[column, column]
+            for j in range(column, size):
+                matrix[row, j] -= factor * matrix[column, j]
+    out[order[size - 1]] = 1.0
+    for row in range(size - 2, -1, -1):
+        total = matrix[row, size - 1]
+        for j in range(row + 1, size - 1):
+            total += matrix[row, j] * out[order[j]]
+        out[order[row]] = -total / matrix[row, row]
+
+
+@kernel
 def eliminate(table: NDArray[np.float64], size: int, columns: int) -> bool:
     """Turn the first `size` columns of `table` into the identity (Gauss-Jordan), and the other `columns` with them.
 
@@ -129,6 +183,40 @@ def eigenvalues_3(a: Symmetric) -> tuple[float, float, float]:
         yy, zz, yz = yy - shift, zz + shift, 0.0
         xy, xz = c * xy - s * xz, s * xy + c * xz
     return xx, yy, zz
+
+
+@kernel
+def diagonalize(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> None:
+    """Turn a symmetric `matrix` (n, n) into the diagonal one of its eigenvalues; column k of `vectors` belongs to k."""
+    size = matrix.shape[0]
+    for i in range(size):
+        for j in range(size):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_JACOBI_SWEEPS):
+        for i in range(size):
+            for j in range(i + 1, size):
+                c, s, _ = _rotation(matrix[i, i], matrix[j, j], matrix[i, j])
+                for k in range(size):
+                    matrix[k, i], matrix[k, j] = (
+                        c * matrix[k, i] - s * matrix[k, j],
+                        s * matrix[k, i] + c * matrix[k, j],
+                    )
+                    vectors[k, i], vectors[k, j] = (
+                        c * vectors[k, i] - s * vectors[k, j],
+                        s * vectors[k, i] + c * vectors[k, j],
+                    )
+                for k in range(size):
+                    matrix[i, k], matrix[j, k] = (
+                        c * matrix[i, k] - s * matrix[j, k],
+                        s * matrix[i, k] + c * matrix[j, k],
+                    )
+                matrix[i, j] = matrix[j, i] = 0.0
+        off = 0.0
+        for i in range(size):
+            for j in range(i):
+                off += abs(matrix[i, j])
+        if off == 0.0:
+            break
 
 
 @kernel

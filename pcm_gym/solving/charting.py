@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +14,9 @@ from pcm_gym.solving.atlas import Atlas, flat_rasters
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -104,7 +101,7 @@ def build_atlas(
         _input_raster(mechanism, cells),
         _pose_raster(mechanism, step, orientation),
     )
-    with _progress_bars(progress) as bars:
+    with progress_bars("atlas", progress) as bars:
         home = chart.plant(_home(chart))
         for inputs in bars.track(_input_raster(mechanism, nodes).all_nodes, description="seeds"):
             chart.plant(solve_forward(mechanism, inputs, chart.load, chart.rho_max).stable)
@@ -253,17 +250,3 @@ def _home(chart: _Chart) -> list[Equilibrium]:
     except ValueError:
         return []
     return [home] if max(rod.rho for rod in home.rods) <= chart.rho_max else []
-
-
-def _progress_bars(is_shown: bool) -> "Progress":
-    from rich.console import Console  # loaded only when an atlas is built
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    return Progress(
-        TextColumn("atlas: {task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        disable=not is_shown,
-    )

@@ -6,7 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pcm_gym.kernels.linear import Symmetric, eigenvalues_2, eigenvalues_3, solve_linear, solve_symmetric
+from pcm_gym.kernels.linear import (
+    Symmetric,
+    determinant,
+    diagonalize,
+    eigenvalues_2,
+    eigenvalues_3,
+    null_vector,
+    solve_linear,
+    solve_symmetric,
+)
 
 ENTRIES = st.floats(-10.0, 10.0, allow_subnormal=False)
 SIZES = st.integers(1, 10)
@@ -126,3 +135,28 @@ def test_symmetric_solution_agrees_with_lapack(matrix: np.ndarray, right: np.nda
 def test_symmetric_solution_of_a_singular_matrix_is_not_finite() -> None:
     for matrix in (np.zeros((3, 3)), np.diag([1.0, 2.0, 0.0]), np.ones((3, 3))):
         assert not np.isfinite(solve_symmetric(packed(matrix), 1.0, 2.0, 4.0)).all()
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6, 9])
+def test_determinant_as_numpy(size: int) -> None:
+    matrix = np.random.default_rng(size).normal(size=(size, size))
+    assert determinant(matrix.copy(), size) == pytest.approx(np.linalg.det(matrix), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [2, 3, 6, 9])
+def test_null_vector_is_sent_to_zero(size: int) -> None:
+    rng, found = np.random.default_rng(size), np.empty(size)
+    matrix = rng.normal(size=(size, size - 1)) @ rng.normal(size=(size - 1, size))
+    null_vector(matrix.copy(), size, found)
+    np.testing.assert_allclose(matrix @ found, 0.0, atol=1e-11 * np.linalg.norm(found) * np.linalg.norm(matrix))
+
+
+@pytest.mark.parametrize("eigenvalues", [(1.0, 2.0), (3.0, 3.0, 5.0), (1e6, -2.0, 1e-3)])
+def test_diagonalize_finds_values_and_vectors(eigenvalues: tuple[float, ...]) -> None:
+    turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(len(eigenvalues), len(eigenvalues))))
+    matrix = turn @ np.diag(eigenvalues) @ turn.T
+    diagonal, vectors = 0.5 * (matrix + matrix.T), np.empty_like(matrix)
+    diagonalize(diagonal, vectors)
+    scale = max(map(abs, eigenvalues))
+    np.testing.assert_allclose(np.sort(np.diag(diagonal)), np.sort(eigenvalues), atol=1e-14 * scale)
+    np.testing.assert_allclose(vectors @ diagonal @ vectors.T, matrix, atol=1e-14 * scale)

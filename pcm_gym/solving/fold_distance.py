@@ -1,0 +1,180 @@
+"""How far an equilibrium is from the nearest fold of its own sheet, in the space of the inputs."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels import continuation, singularity
+from pcm_gym.kernels.closure import LOWER, UPPER, Workspace, make_workspace
+from pcm_gym.kernels.curves import Problem, polish
+from pcm_gym.mechanism.validation import positive_number
+from pcm_gym.solving.equilibrium import Equilibrium
+
+Array = NDArray[np.float64]
+
+_RAYS = 128
+# Rays much longer than the best so far are not tracked to their end.
+_LONGEST = 1.5
+_BEST_RAYS = 5
+_DESCENT_STEPS, _HALVINGS = 100, 12
+_DIRECTION_TOLERANCE = 1e-7
+_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+
+
+@dataclass(frozen=True, eq=False)
+class NearestFold:
+    """The fold nearest to an equilibrium in the space of the inputs.
+
+    Attributes
+    ----------
+    equilibrium : Equilibrium
+        The equilibrium at the fold.
+    distance : float
+        Distance of the inputs, each in its unit: rad, or mean rod lengths.
+    direction : array (legs,)
+        Unit vector towards it, in the same units.
+    """
+
+    equilibrium: Equilibrium
+    distance: float
+    direction: Array
+
+    @property
+    def inputs(self) -> Array:
+        """Actuator inputs at the fold, rad or m."""
+        return self.equilibrium.inputs
+
+
+def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> NearestFold | None:
+    """Return the nearest fold that the inputs can be driven to, or None if there is none within `reach`.
+
+    It lies on the edge of the equilibrium's own sheet. The shortest way to that edge is a straight line of inputs, so
+    rays are tracked to their first fold, and the shortest are turned towards the fold's normal until they meet it at a
+    right angle. Where a branch bifurcates counts as a fold.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Stable or not.
+    reach : float, optional
+        Largest distance looked at, in rad and mean rod lengths; by default the diagonal of the actuators' ranges. Their
+        limits themselves are not regarded.
+
+    Raises
+    ------
+    ValueError
+        If `reach` is not finite and greater than 0.
+
+    Notes
+    -----
+    Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs.
+    """
+    if reach is None:
+        mechanism = equilibrium.mechanism
+        reach = float(np.linalg.norm((mechanism.upper_limits - mechanism.lower_limits) / mechanism.units.inputs))
+    return _Search(equilibrium, positive_number("reach", reach)).run()
+
+
+def estimate_fold_distance(equilibrium: Equilibrium) -> float:
+    """Return about how far, in input space, the nearest fold is: the cheap stand-in for `nearest_fold`.
+
+    It extrapolates the squared eigenvalues of the stiffness, which are linear in the inputs near a fold, to zero: exact
+    in the limit, and within a factor of a few in general. Where no fold is near it means nothing but that; it is at
+    most 10, in rad and mean rod lengths. Costs some microseconds.
+    """
+    mechanism = equilibrium.mechanism
+    unknowns = np.concatenate([equilibrium.state, equilibrium.inputs / mechanism.units.inputs])
+    work = make_workspace(mechanism.leg_count, mechanism.state_size)
+    return float(singularity.estimate_fold_distance(mechanism.leg_table, unknowns, work))
+
+
+class _Search:
+    """The rays from one equilibrium, in dimensionless numbers."""
+
+    def __init__(self, equilibrium: Equilibrium, reach: float) -> None:
+        mechanism = equilibrium.mechanism
+        self._start, self._reach = equilibrium, reach
+        self._legs = mechanism.leg_table.copy()
+        self._legs[:, LOWER], self._legs[:, UPPER] = -math.inf, math.inf
+        self._inputs = equilibrium.inputs / mechanism.units.inputs
+        self._load = equilibrium.load / mechanism.units.load
+        self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
+        self._work: Workspace = make_workspace(mechanism.leg_count, mechanism.state_size)
+
+    def run(self) -> NearestFold | None:
+        hits, reach = [], self._reach
+        for ray in _directions(len(self._inputs)):
+            hit = self._shoot(ray, reach)
+            if hit is not None:
+                hits.append(hit)
+                reach = min(reach, _LONGEST * hit[0])
+        if not hits:
+            return None
+        hits.sort(key=lambda hit: hit[0])
+        distance, unknowns = min((self._descend(*hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit[0])
+        mechanism, size = self._start.mechanism, self._start.mechanism.state_size
+        inputs = unknowns[size:] * mechanism.units.inputs
+        direction = (unknowns[size:] - self._inputs) / distance
+        return NearestFold(Equilibrium(mechanism, unknowns[:size], inputs, self._start.load), distance, direction)
+
+    def _shoot(self, direction: Array, reach: float) -> tuple[float, Array] | None:
+        """Return distance and unknowns of the first fold along a unit vector of inputs."""
+        x, inputs, load = np.array(self._start.state), self._inputs.copy(), self._load.copy()
+        target = inputs + reach * direction
+        tracked = continuation.track(self._legs, x, inputs, load, target, self._load, False, self._line, self._work)
+        if tracked.event not in (continuation.FOLD, continuation.INDEX_CHANGE):
+            return None
+        unknowns = np.concatenate([x, inputs])
+        across = np.zeros((len(inputs) - 1, len(unknowns)))
+        across[:, len(x) :] = _complement(direction)
+        box = np.tile([-math.inf, math.inf, 0.0], (len(unknowns), 1))
+        problem = Problem(self._load, across[:-1], box, math.inf, singularity.FORWARD, True)
+        if not polish(self._legs, unknowns, across[-1], problem):
+            return None
+        return float(np.linalg.norm(unknowns[len(x) :] - self._inputs)), unknowns
+
+    def _descend(self, distance: float, unknowns: Array) -> tuple[float, Array]:
+        """Turn the ray to this fold towards the fold's normal as long as that makes it shorter."""
+        for _ in range(_DESCENT_STEPS):
+            direction = (unknowns[-len(self._inputs) :] - self._inputs) / distance
+            normal = np.empty_like(direction)
+            singularity.set_unknowns(self._legs, unknowns, self._work)
+            singularity.set_normal(self._legs, unknowns, singularity.FORWARD, self._work, normal)
+            turn = math.copysign(1.0, float(normal @ direction)) * normal - direction
+            if np.linalg.norm(turn) < _DIRECTION_TOLERANCE:
+                break
+            shorter = self._shorter(distance, direction, turn)
+            if shorter is None:
+                break
+            distance, unknowns = shorter
+        return distance, unknowns
+
+    def _shorter(self, distance: float, direction: Array, turn: Array) -> tuple[float, Array] | None:
+        part = 1.0
+        for _ in range(_HALVINGS):
+            trial = direction + part * turn
+            hit = self._shoot(trial / np.linalg.norm(trial), 1.5 * distance)
+            if hit is not None and hit[0] < distance:
+                return hit
+            part *= 0.5
+        return None
+
+
+def _directions(count: int) -> Array:
+    """Return unit vectors (m, count) spread over the circle or the sphere."""
+    number = np.arange(_RAYS, dtype=np.float64)
+    if count == 2:
+        angles = 2.0 * math.pi * (number + 0.25) / _RAYS
+        return np.column_stack([np.cos(angles), np.sin(angles)])
+    height = 1.0 - (2.0 * number + 1.0) / _RAYS
+    angles, radius = _GOLDEN_ANGLE * number, np.sqrt(1.0 - height * height)
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), height])
+
+
+def _complement(direction: Array) -> Array:
+    """Return orthonormal vectors (m - 1, m) across a unit vector."""
+    full, _ = np.linalg.qr(np.column_stack([direction, np.eye(len(direction))]))
+    across: Array = full[:, 1 : len(direction)].T
+    return across

@@ -1,0 +1,459 @@
+"""Singular states of a mechanism as curves: folds in input space, and the boundaries of the workspace."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.kernels import curves as tracing
+from pcm_gym.kernels.singularity import FORWARD, INVERSE, fold_sides
+from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism.validation import finite_number, limit_pair, positive_number
+from pcm_gym.solving.enumeration import solve_forward, solve_inverse
+from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.progress import progress_bars
+
+Array = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+_FORWARD_GRID, _INVERSE_GRID = 8, 16
+# Part of a cell by which a periodic grid is shifted, lest its nodes lie on the symmetries of symmetric mechanisms.
+_GRID_SHIFT = 0.382
+# On a line equilibria are followed up to this multiple of the largest load, beyond which they may turn and come back.
+_LINE_REACH = 1.5
+_FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 13, 1 << 20
+# The indices beside a fold are looked up at this distance from it, at so many places.
+_SIDE_DISTANCE, _SIDE_SAMPLES = 1e-4, 15
+
+
+class CurveEnd(StrEnum):
+    """How a singular curve ends at one of its ends."""
+
+    CLOSED = "closed"
+    LARGEST_LOAD = "largest_load"
+    BOUNDS = "bounds"
+    SOLVER_FAILURE = "solver_failure"
+
+
+# The kernels' codes, in their order.
+_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE, CurveEnd.SOLVER_FAILURE)
+
+
+@dataclass(frozen=True, eq=False)
+class SingularCurve:
+    """A curve of singular states, smooth in state and inputs; its projection may have cusps.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    load : array (d,)
+        External load, N (and N m).
+    is_forward : bool
+        Whether its states are folds (forward singularities, projected to inputs) or inverse singularities (projected to
+        poses).
+    states : array (n, 2 legs + d)
+        The kernels' dimensionless states, one per vertex.
+    inputs : array (n, legs)
+        Actuator inputs, rad or m. Angles of actuators with a full turn run on without a jump.
+    tangents : array (n, 2 legs + d + legs)
+        Derivative of state and dimensionless inputs by the length of the curve that was used to trace it.
+    plane : (int, int)
+        The two inputs, or coordinates of the pose, in which the curve is drawn; with two legs (0, 1).
+    cusps : tuple of int
+        The vertices at which the projected curve has a cusp: exact in the projection, to about 1e-5 in state.
+    ends : (CurveEnd, CurveEnd)
+        How it ends before its first and after its last vertex.
+    indices : (int, int), optional
+        Morse indices of the equilibria on the two sides of a fold; None for an inverse singularity, which leaves the
+        index alone.
+    """
+
+    mechanism: Mechanism
+    load: Array
+    is_forward: bool
+    states: Array
+    inputs: Array
+    tangents: Array
+    plane: tuple[int, int]
+    cusps: tuple[int, ...]
+    ends: tuple[CurveEnd, CurveEnd]
+    indices: tuple[int, int] | None
+
+    def __post_init__(self) -> None:
+        for name in ("load", "states", "inputs", "tangents"):
+            getattr(self, name).setflags(write=False)
+
+    def __len__(self) -> int:
+        """Return the number of vertices."""
+        return len(self.states)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the last vertex is the first again, full turns of angles aside."""
+        return self.ends[1] is CurveEnd.CLOSED
+
+    @property
+    def is_stability_limit(self) -> bool:
+        """Whether stable equilibria end here: a fold between index 0 and 1."""
+        return self.indices == (0, 1)
+
+    @cached_property
+    def poses(self) -> Array:
+        """Poses of the end-effector, (n, d), (x, y) in m or (x, y, phi) with phi in rad."""
+        return self.states[:, 2 * self.mechanism.leg_count :] * self.mechanism.units.pose
+
+    @property
+    def points(self) -> Array:
+        """The projected curve, (n, 2): the inputs, or the coordinates of the pose, that `plane` names."""
+        return (self.inputs if self.is_forward else self.poses)[:, self.plane]
+
+    @cached_property
+    def arc_length(self) -> Array:
+        """Length of the projected curve up to each vertex, (n,), in units of the inputs or the pose."""
+        scaled = self.points / self._plane_units
+        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(scaled, axis=0), axis=1)))
+
+    @property
+    def _plane_units(self) -> Array:
+        units = self.mechanism.units
+        return (units.inputs if self.is_forward else units.pose)[list(self.plane)]
+
+    @cached_property
+    def unknowns(self) -> Array:
+        """State and dimensionless inputs of every vertex, (n, 2 legs + d + legs)."""
+        return np.hstack([self.states, self.inputs / self.mechanism.units.inputs])
+
+    def equilibrium(self, k: int) -> Equilibrium:
+        """Return the singular equilibrium at vertex `k`."""
+        return Equilibrium(self.mechanism, self.states[k], self.inputs[k], self.load)
+
+    def __repr__(self) -> str:
+        """Return a line with what identifies the curve."""
+        kind = f"folds {self.indices}" if self.is_forward else "inverse singularities"
+        ends = "closed" if self.is_closed else f"ends={tuple(str(end) for end in self.ends)}"
+        return f"SingularCurve({self.mechanism.name}, {kind}, {len(self)} points, {len(self.cusps)} cusps, {ends})"
+
+
+def forward_singularities(
+    mechanism: Mechanism,
+    load: ArrayLike | None = None,
+    rho_max: float = 9.0,
+    *,
+    index: int | None = None,
+    bounds: Sequence[tuple[float, float]] | None = None,
+    held: Mapping[int, float] | None = None,
+    grid: int = _FORWARD_GRID,
+    progress: bool = True,
+) -> tuple[SingularCurve, ...]:
+    """Return the curves of folds: where equilibria meet and vanish as the inputs change.
+
+    Complete sets of equilibria at the nodes of a grid are followed along its lines through all their folds. Each fold
+    met that is on no curve yet is the start of another one.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    load : array_like (d,), optional
+        Load on the end-effector, N and N m; none by default.
+    rho_max : float
+        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+    index : int, optional
+        Only folds between this Morse index and the next; 0 gives the limits of stability.
+    bounds : sequence of (lower, upper), optional
+        Range of each input, rad or m; the actuators' limits by default. An angle with a full turn has no bounds.
+    held : mapping of int to float, optional
+        Inputs that are held, by number: one of the three of a platform.
+    grid : int
+        Cells of the grid along each input.
+    progress : bool
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    tuple of SingularCurve
+        By indices, then by length. A curve that meets no line of the grid is not found, and neither is one whose
+        equilibria are connected to none at a node; twice as fine a grid confirms the set.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, is not finite or out of range.
+
+    Notes
+    -----
+    A few seconds for two legs. A platform takes as long as `solve_forward` takes on each node.
+    """
+    search = _Search.checked(mechanism, load, rho_max, bounds, held, grid, is_forward=True)
+    return search.run(index, progress)
+
+
+def inverse_singularities(
+    mechanism: Mechanism,
+    load: ArrayLike | None = None,
+    rho_max: float = 9.0,
+    *,
+    bounds: Sequence[tuple[float, float]] | None = None,
+    held: Mapping[int, float] | None = None,
+    grid: int = _INVERSE_GRID,
+    progress: bool = True,
+) -> tuple[SingularCurve, ...]:
+    """Return the curves of inverse singularities: where inputs for a pose meet and vanish as the pose changes.
+
+    They bound the workspace and separate the working modes. Found as by `forward_singularities`, from lines in the
+    space of poses.
+
+    Parameters
+    ----------
+    mechanism, load, rho_max, bounds, grid, progress
+        As for `forward_singularities`.
+    held : mapping of int to float, optional
+        Coordinates of the pose that are held, by number: one of (x, y, phi) of a platform, say ``{2: 0.1}``.
+
+    Returns
+    -------
+    tuple of SingularCurve
+        By length.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, is not finite or out of range.
+    """
+    search = _Search.checked(mechanism, load, rho_max, bounds, held, grid, is_forward=False)
+    return search.run(None, progress)
+
+
+@dataclass(frozen=True)
+class _Traced:
+    """A curve in the unknowns (state, inputs), traced to both sides of a point."""
+
+    path: Array
+    tangents: Array
+    marks: NDArray[np.bool_]
+    ends: tuple[CurveEnd, CurveEnd]
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The search for all singular curves in a plane of inputs or of poses."""
+
+    mechanism: Mechanism
+    load: Array
+    rho_max: float
+    is_forward: bool
+    input_box: Array  # (legs, 3): dimensionless bounds and period
+    window: Array  # (legs, 3): those of the inputs, or of the poses within reach, of which the grid is made
+    held: dict[int, float]  # inputs or coordinates of the pose, dimensionless
+    plane: tuple[int, int]
+    axes: tuple[Array, Array]  # grid values of the two free coordinates, dimensionless
+
+    @classmethod
+    def checked(
+        cls,
+        mechanism: Mechanism,
+        load: ArrayLike | None,
+        rho_max: float,
+        bounds: Sequence[tuple[float, float]] | None,
+        held: Mapping[int, float] | None,
+        grid: int,
+        *,
+        is_forward: bool,
+    ) -> "_Search":
+        units = mechanism.units
+        scales = units.inputs if is_forward else units.pose
+        values = {
+            k: finite_number(f"held[{k}]", value) / scales[k]
+            for k, value in (held or {}).items()
+            if k in range(mechanism.leg_count)
+        }
+        plane = tuple(k for k in range(mechanism.leg_count) if k not in values)
+        if len(plane) != 2 or len(values) != len(held or {}):
+            raise ValueError(
+                f"held must leave two of {mechanism.leg_count} free, by numbers below {mechanism.leg_count}, got {held}"
+            )
+        if int(grid) != grid or grid < 1:
+            raise ValueError(f"grid must be an integer of at least 1, got {grid}")
+        box = _input_box(mechanism, bounds)
+        window = box if is_forward else _pose_window(mechanism, box, values)
+        return cls(
+            mechanism,
+            mechanism.check_load(load),
+            positive_number("rho_max", rho_max),
+            is_forward,
+            box,
+            window,
+            values,
+            (plane[0], plane[1]),
+            (_grid_values(window[plane[0]], int(grid)), _grid_values(window[plane[1]], int(grid))),
+        )
+
+    def run(self, index: int | None, progress: bool) -> tuple[SingularCurve, ...]:
+        """Return all curves; of folds, where `index` is given, only those between it and the next."""
+        counts = [len(axis) for axis in self.axes]
+        found: list[_Traced] = []
+        nodes: dict[tuple[int, int], list[Array]] = {}
+        lines = [(across, n) for across in range(2) for n in range(counts[across])]
+        with progress_bars("singularities", progress) as bars:
+            for node in bars.track(list(itertools.product(range(counts[0]), range(counts[1]))), description="nodes"):
+                nodes[node] = self._equilibria(node, index)
+            for across, n in bars.track(lines, description="lines"):
+                starts = [y for node, states in nodes.items() if node[across] == n for y in states]
+                self._search_line(self.plane[across], starts, index, found)
+        curves = sorted(map(self._curve, found), key=lambda curve: (curve.indices or (0, 0), -curve.arc_length[-1]))
+        return tuple(curves)
+
+    def _equilibria(self, node: tuple[int, int], index: int | None) -> list[Array]:
+        """Return the unknowns of every equilibrium at a node, or of those whose folds are asked for."""
+        values = np.zeros(self.mechanism.leg_count)
+        for k, value in self.held.items():
+            values[k] = value
+        for k, axis, n in zip(self.plane, self.axes, node, strict=True):
+            values[k] = axis[n]
+        units = self.mechanism.units
+        if self.is_forward:
+            equilibria = solve_forward(self.mechanism, values * units.inputs, self.load, self.rho_max)
+        else:
+            equilibria = solve_inverse(self.mechanism, values * units.pose, self.load, self.rho_max)
+        return [
+            np.concatenate([found.state, found.inputs / units.inputs])
+            for found in equilibria
+            if index is None or found.index in (index, index + 1)
+        ]
+
+    def _search_line(self, fixed: int, starts: list[Array], index: int | None, found: list[_Traced]) -> None:
+        """Follow the equilibria on a line through their folds; add the curves through these to those found."""
+        line, singular = self._problem(fixed), self._problem()
+        legs = self.mechanism.leg_table
+        while starts:
+            branch = self._trace(line, starts.pop())
+            starts[:] = [y for y in starts if not tracing.is_on_path(legs, y, line, branch.path, branch.tangents)]
+            for seed in branch.path[branch.marks]:
+                if self._is_wanted(seed, index) and not any(
+                    tracing.is_on_path(legs, seed, singular, curve.path, curve.tangents) for curve in found
+                ):
+                    found.append(self._trace(singular, seed))
+
+    def _is_wanted(self, seed: Array, index: int | None) -> bool:
+        inputs = seed[self.mechanism.state_size :]
+        loads = np.hypot(*seed[: 2 * self.mechanism.leg_count].reshape(-1, 2).T)
+        if (
+            np.any(inputs < self.input_box[:, 0])
+            or np.any(inputs > self.input_box[:, 1])
+            or loads.max() > self.rho_max**2
+        ):
+            return False
+        return index is None or fold_sides(self.mechanism.leg_table, seed, _SIDE_DISTANCE) == (index, index + 1)
+
+    def _problem(self, fixed: int | None = None) -> tracing.Problem:
+        """Return the problem of the singular curves, or that of the equilibria with one free coordinate fixed.
+
+        The inputs of an inverse problem may leave their range on a line, and come back.
+        """
+        mechanism, is_line = self.mechanism, fixed is not None
+        size, pose = mechanism.state_size, 2 * mechanism.leg_count
+        first = size if self.is_forward else pose
+        box = np.tile([-math.inf, math.inf, 0.0], (size + mechanism.leg_count, 1))
+        box[pose:, 2] = np.append(_TURN * (np.arange(mechanism.dof) == 2), self.input_box[:, 2])
+        if self.is_forward or not is_line:
+            box[size:, :2] = self.input_box[:, :2]
+        if not self.is_forward and is_line:
+            box[pose:size, :2] = self.window[:, :2]
+        kept = [first + k for k in (*self.held, *([fixed] if fixed is not None else []))]
+        box[kept, :2] = -math.inf, math.inf
+        return tracing.Problem(
+            load=self.load / mechanism.units.load,
+            conditions=np.eye(size + mechanism.leg_count)[kept],
+            box=box,
+            rho_max=self.rho_max * (_LINE_REACH if is_line else 1.0),
+            kind=FORWARD if self.is_forward else INVERSE,
+            is_singular=not is_line,
+        )
+
+    def _trace(self, problem: tracing.Problem, y: Array) -> _Traced:
+        path, tangents, marks, end = self._trace_side(problem, y, 1.0)
+        if end is CurveEnd.CLOSED:
+            return _Traced(path, tangents, marks, (end, end))
+        path_before, tangents_before, marks_before, end_before = self._trace_side(problem, y, -1.0)
+        return _Traced(
+            np.vstack([path_before[:0:-1], path]),
+            np.vstack([-tangents_before[:0:-1], tangents]),
+            np.append(marks_before[:0:-1], marks),
+            (end_before, end),
+        )
+
+    def _trace_side(
+        self, problem: tracing.Problem, y: Array, sign: float
+    ) -> tuple[Array, Array, NDArray[np.bool_], CurveEnd]:
+        capacity = _FIRST_CAPACITY
+        while True:
+            path, tangents = np.empty((capacity, y.size)), np.empty((capacity, y.size))
+            marks = np.empty(capacity, dtype=np.bool_)
+            count, end = tracing.trace(self.mechanism.leg_table, y, sign, problem, path, tangents, marks)
+            if end != tracing.TOO_LONG or capacity >= _LARGEST_CAPACITY:
+                return path[:count].copy(), tangents[:count].copy(), marks[:count].copy(), _ENDS[end]
+            capacity *= 4
+
+    def _curve(self, traced: _Traced) -> SingularCurve:
+        size, units = self.mechanism.state_size, self.mechanism.units
+        return SingularCurve(
+            self.mechanism,
+            self.load,
+            self.is_forward,
+            traced.path[:, :size].copy(),
+            traced.path[:, size:] * units.inputs,
+            traced.tangents,
+            self.plane,
+            tuple(map(int, np.flatnonzero(traced.marks))),
+            traced.ends,
+            self._indices(traced) if self.is_forward else None,
+        )
+
+    def _indices(self, traced: _Traced) -> tuple[int, int]:
+        """Return the indices on the two sides of a fold: constant along the curve, but doubtful near its cusps."""
+        places = np.linspace(0, len(traced.path) - 1, _SIDE_SAMPLES).astype(int)
+        sides = Counter(fold_sides(self.mechanism.leg_table, traced.path[k], _SIDE_DISTANCE) for k in places)
+        return max(sides, key=lambda pair: (pair[1] == pair[0] + 1, sides[pair]))
+
+
+def _input_box(mechanism: Mechanism, bounds: Sequence[tuple[float, float]] | None) -> Array:
+    """Return dimensionless lower and upper bound and period of each input; a full turn has a period and no bounds."""
+    limits = [leg.actuator.limits for leg in mechanism.legs] if bounds is None else list(bounds)
+    if len(limits) != mechanism.leg_count:
+        raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {bounds!r}")
+    box = np.zeros((mechanism.leg_count, 3))
+    for row, leg, limit, unit in zip(box, mechanism.legs, limits, mechanism.units.inputs, strict=True):
+        lower, upper = limit_pair("bounds", limit)
+        is_turn = isinstance(leg.actuator, Revolute) and upper - lower >= _TURN * (1.0 - 1e-12)
+        row[:] = (-math.inf, math.inf, _TURN) if is_turn else (lower / unit, upper / unit, 0.0)
+    return box
+
+
+def _pose_window(mechanism: Mechanism, box: Array, held: Mapping[int, float]) -> Array:
+    """Return dimensionless bounds, and periods, of the poses that every leg may reach."""
+    units = mechanism.units
+    window = np.tile([-math.inf, math.inf, 0.0], (mechanism.dof, 1))
+    for leg, (lower, upper, period) in zip(mechanism.legs, box, strict=True):
+        ends = [
+            leg.actuator.clamp_point(float(end) * units.length) for end in ((0.0, 0.0) if period else (lower, upper))
+        ]
+        arm = np.full(2, math.hypot(*leg.attachment))
+        reach = leg.rod.length + arm
+        window[:2, 0] = np.maximum(window[:2, 0], (np.min(ends, axis=0) - reach) / units.length)
+        window[:2, 1] = np.minimum(window[:2, 1], (np.max(ends, axis=0) + reach) / units.length)
+    if mechanism.dof == 3:
+        window[2] = -math.inf, math.inf, _TURN
+    return window
+
+
+def _grid_values(bounds: Array, grid: int) -> Array:
+    lower, upper, period = bounds
+    if period > 0.0:
+        shifted: Array = period * ((np.arange(grid) + _GRID_SHIFT) / grid - 0.5)
+        return shifted
+    return np.linspace(lower, upper, grid + 1)
