@@ -19,7 +19,7 @@ from pcm_gym.kernels.closure import AXIS_X, AXIS_Y, BASE_X, BASE_Y, CLAMP_ANGLE,
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.linear import eliminate
 from pcm_gym.kernels.rod_enclosure import RodEnclosure, enclose_rod, enclose_rod_derivatives
-from pcm_gym.kernels.taylor_models import Model, bounds, radius
+from pcm_gym.kernels.taylor_models import Model, affine, bounds
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -61,10 +61,7 @@ class UnitCells(NamedTuple):
 
 @kernel
 def _set_affine(model: Model, out: Array) -> None:
-    out[CENTER], _ = bounds(model)
-    out[ALONG], out[ACROSS] = model.along, model.across
-    curved = 0.5 * (abs(model.ss) + abs(model.tt)) + abs(model.st)
-    out[REMAINDER] = (curved + model.remainder) * (1.0 + _SLACK) + _SLACK * abs(model.center)
+    out[CENTER], out[ALONG], out[ACROSS], out[REMAINDER] = affine(model)
     if not math.isfinite(out[REMAINDER] + out[CENTER] + out[ALONG] + out[ACROSS]):
         out[:] = 0.0
         out[REMAINDER] = math.inf

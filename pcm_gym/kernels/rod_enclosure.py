@@ -16,17 +16,18 @@ from numpy.typing import NDArray
 
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.taylor_models import (
-    OUTWARD,
     Model,
     add,
     constant,
     cosine_and_sine,
+    exact,
     multiply,
     radius,
     reciprocal,
     scale,
     shift,
     subtract,
+    widen,
 )
 
 # The power series are used up to this argument, with so many terms.
@@ -87,11 +88,6 @@ class RodEnclosure(NamedTuple):
 
 
 @kernel
-def _widen(a: Model, error: float) -> Model:
-    return Model(a.center, a.along, a.across, a.ss, a.st, a.tt, (a.remainder + error) * OUTWARD)
-
-
-@kernel
 def _series(function: int, w: Model, powers: tuple[Model, ...]) -> Model:
     """Return cn, dn, sn / v or C / v at a small v by its power series in w = v^2; `powers` are those of m.
 
@@ -105,13 +101,13 @@ def _series(function: int, w: Model, powers: tuple[Model, ...]) -> Model:
             coefficient = add(coefficient, scale(_COEFFICIENTS[function, n, j], powers[j - 1]))
         total = add(multiply(total, w), coefficient)
     ratio = _SERIES_ARGUMENT * _SERIES_ARGUMENT * 0.4053  # 4 / pi^2 < 0.4053
-    return _widen(total, 1.28 * ratio**_TERMS / (1.0 - ratio))
+    return widen(total, 1.28 * ratio**_TERMS / (1.0 - ratio))
 
 
 @kernel
 def enclose_elliptic(rho: float, rho_half_width: float, b: float, b_half_width: float) -> Elliptic:
     """Return models of the elliptic functions over the box rho +- rho_half_width, b +- b_half_width; rho >= 0."""
-    load = Model(rho, rho_half_width, 0.0, 0.0, 0.0, 0.0, 0.0)
+    load = Model(rho, rho_half_width, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     kappa, kappa_c = cosine_and_sine(0.5 * b, 0.5 * b_half_width)
     m, m1, sin_b = multiply(kappa, kappa), multiply(kappa_c, kappa_c), scale(2.0, multiply(kappa, kappa_c))
     doublings, part = 0, 1.0
@@ -143,7 +139,7 @@ def _double(m: Model, m1: Model, cn: Model) -> tuple[Model, Model, Model]:
     """
     square = multiply(cn, cn)
     error = square.remainder
-    c = Model(square.center, square.along, square.across, square.ss, square.st, square.tt, 0.0)
+    c = exact(square)
     m_c = multiply(m, c)
     m_c_2 = multiply(m_c, c)
     # D = m1 + m c (2 - c), and so on: no difference that loses digits
@@ -157,9 +153,9 @@ def _double(m: Model, m1: Model, cn: Model) -> tuple[Model, Model, Model]:
     cn_error = 2.0 * largest_dn * largest_inverse * error
     largest_cn = min(1.0, abs(cn_above.center) + radius(cn_above) + cn_error)
     return (
-        _widen(cn_above, cn_error),
-        _widen(dn_above, 2.0 * largest_cn * largest_inverse * error),
-        _widen(inverse, 2.0 * largest_inverse * largest_inverse * error),
+        widen(cn_above, cn_error),
+        widen(dn_above, 2.0 * largest_cn * largest_inverse * error),
+        widen(inverse, 2.0 * largest_inverse * largest_inverse * error),
     )
 
 

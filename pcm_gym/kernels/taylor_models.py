@@ -1,4 +1,4 @@
-"""Rigorous arithmetic with functions of two variables: quadratic polynomials with a bound on all that they leave out.
+"""Rigorous arithmetic with functions of two variables: cubic polynomials with a bound on all that they leave out.
 
 A model encloses a function f of (s, t) on the square [-1, 1]^2: everywhere in the square f is within `remainder` of
 the polynomial. Every operation encloses its true result: what is truncated, and the rounding errors of the operation
@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from pcm_gym.kernels.compilation import kernel
 
-# Bounds the rounding errors of one operation relative to the absolute values that go into it: at most 6 products and
-# sums meet in one coefficient, with an error of 2^-53 = 1.1e-16 each.
+# Bounds the rounding errors of one operation relative to the absolute values that go into it: at most 6 products meet
+# in one coefficient, and each product and sum has an error of 2^-53 = 1.1e-16.
 ROUNDING = 1e-15
 # Makes up for the rounding errors of a remainder, a sum and product of at most 40 positive numbers.
 OUTWARD = 1.0 + 1e-14
@@ -27,27 +27,31 @@ LIBRARY = 4.0 * 2.3e-16
 
 
 class Model(NamedTuple):
-    """center + s along + t across + s^2 ss + s t st + t^2 tt, within remainder."""
+    """A polynomial in s and t, named coefficients from the constant one up, within remainder."""
 
     center: float
-    along: float
-    across: float
+    s: float
+    t: float
     ss: float
     st: float
     tt: float
+    sss: float
+    sst: float
+    stt: float
+    ttt: float
     remainder: float
 
 
 @kernel
 def constant(value: float) -> Model:
     """Return the model of a number."""
-    return Model(value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Model(value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
 def first_order(a: Model) -> float:
     """Return a bound on the linear part."""
-    return abs(a.along) + abs(a.across)
+    return abs(a.s) + abs(a.t)
 
 
 @kernel
@@ -57,37 +61,79 @@ def second_order(a: Model) -> float:
 
 
 @kernel
+def third_order(a: Model) -> float:
+    """Return a bound on the cubic part."""
+    return abs(a.sss) + abs(a.sst) + abs(a.stt) + abs(a.ttt)
+
+
+@kernel
 def radius(a: Model) -> float:
     """Return how far the function may be from the model's centre."""
-    return (first_order(a) + second_order(a) + a.remainder) * OUTWARD
+    return (first_order(a) + second_order(a) + third_order(a) + a.remainder) * OUTWARD
+
+
+@kernel
+def _with_remainder(a: Model, remainder: float) -> Model:
+    """Return `a` with its rounding errors added to a new remainder."""
+    size = abs(a.center) + first_order(a) + second_order(a) + third_order(a)
+    remainder = (remainder + ROUNDING * size + TINY) * OUTWARD
+    return Model(a.center, a.s, a.t, a.ss, a.st, a.tt, a.sss, a.sst, a.stt, a.ttt, remainder)
+
+
+@kernel
+def widen(a: Model, error: float) -> Model:
+    """Return the model of a function that differs from that of `a` by at most `error`."""
+    return _with_remainder(a, a.remainder + error)
+
+
+@kernel
+def exact(a: Model) -> Model:
+    """Return the polynomial of `a` alone."""
+    return Model(a.center, a.s, a.t, a.ss, a.st, a.tt, a.sss, a.sst, a.stt, a.ttt, 0.0)
 
 
 @kernel
 def add(a: Model, b: Model) -> Model:
     """Return a + b."""
-    center, along, across = a.center + b.center, a.along + b.along, a.across + b.across
-    ss, st, tt = a.ss + b.ss, a.st + b.st, a.tt + b.tt
-    size = abs(center) + abs(along) + abs(across) + abs(ss) + abs(st) + abs(tt)
-    return Model(center, along, across, ss, st, tt, (a.remainder + b.remainder + ROUNDING * size) * OUTWARD)
+    total = Model(
+        a.center + b.center,
+        a.s + b.s,
+        a.t + b.t,
+        a.ss + b.ss,
+        a.st + b.st,
+        a.tt + b.tt,
+        a.sss + b.sss,
+        a.sst + b.sst,
+        a.stt + b.stt,
+        a.ttt + b.ttt,
+        0.0,
+    )
+    return _with_remainder(total, a.remainder + b.remainder)
 
 
 @kernel
 def scale(factor: float, a: Model) -> Model:
     """Return factor a."""
-    center, along, across = factor * a.center, factor * a.along, factor * a.across
-    ss, st, tt = factor * a.ss, factor * a.st, factor * a.tt
-    size = abs(center) + abs(along) + abs(across) + abs(ss) + abs(st) + abs(tt)
-    return Model(
-        center, along, across, ss, st, tt, (abs(factor) * a.remainder + ROUNDING * size + TINY) * OUTWARD
+    scaled = Model(
+        factor * a.center,
+        factor * a.s,
+        factor * a.t,
+        factor * a.ss,
+        factor * a.st,
+        factor * a.tt,
+        factor * a.sss,
+        factor * a.sst,
+        factor * a.stt,
+        factor * a.ttt,
+        0.0,
     )
+    return _with_remainder(scaled, abs(factor) * a.remainder)
 
 
 @kernel
 def shift(a: Model, value: float) -> Model:
     """Return a + value."""
-    center = a.center + value
-    remainder = (a.remainder + ROUNDING * abs(center)) * OUTWARD
-    return Model(center, a.along, a.across, a.ss, a.st, a.tt, remainder)
+    return add(a, constant(value))
 
 
 @kernel
@@ -99,18 +145,23 @@ def subtract(a: Model, b: Model) -> Model:
 @kernel
 def multiply(a: Model, b: Model) -> Model:
     """Return a b."""
-    a_1, a_2, b_1, b_2 = first_order(a), second_order(a), first_order(b), second_order(b)
-    a_size, b_size = abs(a.center) + a_1 + a_2, abs(b.center) + b_1 + b_2
-    truncated = a_1 * b_2 + a_2 * b_1 + a_2 * b_2
-    remainder = a_size * b.remainder + b_size * a.remainder + a.remainder * b.remainder + ROUNDING * a_size * b_size
+    a_1, a_2, a_3 = first_order(a), second_order(a), third_order(a)
+    b_1, b_2, b_3 = first_order(b), second_order(b), third_order(b)
+    a_size, b_size = abs(a.center) + a_1 + a_2 + a_3, abs(b.center) + b_1 + b_2 + b_3
+    truncated = a_1 * b_3 + a_2 * (b_2 + b_3) + a_3 * (b_1 + b_2 + b_3)
+    carried = a_size * b.remainder + b_size * a.remainder + a.remainder * b.remainder
     return Model(
         a.center * b.center,
-        a.center * b.along + a.along * b.center,
-        a.center * b.across + a.across * b.center,
-        a.center * b.ss + a.along * b.along + a.ss * b.center,
-        a.center * b.st + a.along * b.across + a.across * b.along + a.st * b.center,
-        a.center * b.tt + a.across * b.across + a.tt * b.center,
-        (remainder + truncated + TINY) * OUTWARD,
+        a.center * b.s + a.s * b.center,
+        a.center * b.t + a.t * b.center,
+        a.center * b.ss + a.s * b.s + a.ss * b.center,
+        a.center * b.st + a.s * b.t + a.t * b.s + a.st * b.center,
+        a.center * b.tt + a.t * b.t + a.tt * b.center,
+        a.center * b.sss + a.s * b.ss + a.ss * b.s + a.sss * b.center,
+        a.center * b.sst + a.s * b.st + a.t * b.ss + a.ss * b.t + a.st * b.s + a.sst * b.center,
+        a.center * b.stt + a.s * b.tt + a.t * b.st + a.st * b.t + a.tt * b.s + a.stt * b.center,
+        a.center * b.ttt + a.t * b.tt + a.tt * b.t + a.ttt * b.center,
+        (carried + truncated + ROUNDING * a_size * b_size + TINY) * OUTWARD,
     )
 
 
@@ -119,15 +170,16 @@ def reciprocal(a: Model) -> Model:
     """Return 1 / a; the remainder is inf or nan where a may vanish."""
     spread = radius(a) / abs(a.center) * OUTWARD
     if not spread < 1.0:
-        return Model(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
+        return widen(constant(0.0), math.inf)
     inverse = 1.0 / a.center
-    part = scale(inverse, Model(0.0, a.along, a.across, a.ss, a.st, a.tt, a.remainder))
-    series = shift(subtract(multiply(part, part), part), 1.0)
-    beyond = spread * spread * spread / (1.0 - spread) * (1.0 + 1e-13)
-    result = scale(inverse, series)
+    part = scale(inverse, Model(0.0, a.s, a.t, a.ss, a.st, a.tt, a.sss, a.sst, a.stt, a.ttt, a.remainder))
+    # 1 - x (1 - x (1 - x)) and what comes after it
+    series = shift(scale(-1.0, part), 1.0)
+    for _ in range(2):
+        series = shift(scale(-1.0, multiply(part, series)), 1.0)
+    beyond = spread * spread * spread * spread / (1.0 - spread) * OUTWARD
     # the inverse of the centre is itself rounded
-    remainder = result.remainder + abs(inverse) * (beyond + ROUNDING / (1.0 - spread))
-    return Model(result.center, result.along, result.across, result.ss, result.st, result.tt, remainder * OUTWARD)
+    return widen(scale(inverse, series), abs(inverse) * (beyond + ROUNDING / (1.0 - spread)) * OUTWARD)
 
 
 @kernel
@@ -136,19 +188,26 @@ def cosine_and_sine(angle: float, half_width: float) -> tuple[Model, Model]:
     c, s = math.cos(angle), math.sin(angle)
     square = 0.5 * half_width * half_width
     cubic = half_width * square / 3.0
-    rounding = ROUNDING + LIBRARY
-    cosine_error = rounding * (abs(c) + abs(s) * half_width + abs(c) * square)
-    sine_error = rounding * (abs(s) + abs(c) * half_width + abs(s) * square)
-    cosine_cubic, sine_cubic = cubic * (abs(s) + half_width), cubic * min(1.0, abs(c) + half_width)
-    return (
-        Model(c, 0.0, -s * half_width, 0.0, 0.0, -c * square, (cosine_error + cosine_cubic) * OUTWARD + TINY),
-        Model(s, 0.0, c * half_width, 0.0, 0.0, -s * square, (sine_error + sine_cubic) * OUTWARD + TINY),
-    )
+    quartic = 0.25 * half_width * cubic
+    cosine = Model(c, 0.0, -s * half_width, 0.0, 0.0, -c * square, 0.0, 0.0, 0.0, s * cubic, 0.0)
+    sine = Model(s, 0.0, c * half_width, 0.0, 0.0, -s * square, 0.0, 0.0, 0.0, -c * cubic, 0.0)
+    slope = half_width + square + cubic
+    cosine_error = LIBRARY * (abs(c) + abs(s) * slope + abs(c) * slope) + quartic * min(1.0, abs(c) + half_width)
+    sine_error = LIBRARY * (abs(s) + abs(c) * slope + abs(s) * slope) + quartic * min(1.0, abs(s) + half_width)
+    return widen(cosine, cosine_error), widen(sine, sine_error)
+
+
+@kernel
+def affine(a: Model) -> tuple[float, float, float, float]:
+    """Return centre, slopes and remainder of an affine model, the sign of the squares used."""
+    center = a.center + 0.5 * (a.ss + a.tt)
+    curved = 0.5 * (abs(a.ss) + abs(a.tt)) + abs(a.st) + third_order(a)
+    rounding = ROUNDING * (abs(a.center) + abs(a.ss) + abs(a.tt))
+    return center, a.s, a.t, (curved + a.remainder + rounding) * OUTWARD
 
 
 @kernel
 def bounds(a: Model) -> tuple[float, float]:
-    """Return the centre and the half width of an interval that holds all values, the squares' signs used."""
-    middle = a.center + 0.5 * (a.ss + a.tt)
-    half_width = first_order(a) + 0.5 * (abs(a.ss) + abs(a.tt)) + abs(a.st) + a.remainder
-    return middle, (half_width + ROUNDING * (abs(a.center) + abs(a.ss) + abs(a.tt))) * OUTWARD
+    """Return the centre and the half width of an interval that holds all values."""
+    center, along, across, remainder = affine(a)
+    return center, (abs(along) + abs(across) + remainder) * OUTWARD
