@@ -223,3 +223,47 @@ def _turn(
         add(add(multiply(along, cos_0), multiply(across, sin_0)), multiply(rod.tip_y, beta)),
         subtract(subtract(multiply(across, cos_0), multiply(along, sin_0)), multiply(rod.tip_x, beta)),
     )
+
+
+class SlightlyLoaded(NamedTuple):
+    """Derivatives of a rod by its load g, for all |g| <= G: those of the unloaded rod are 0, 1 and 1/3 alone."""
+
+    force_x_gx: float  # within this of 1
+    force_y_gx: float  # of 0
+    force_x_gy: float  # of 0
+    force_y_gy: float  # of 1
+    tip_x_gx: float  # of 0
+    tip_y_gx: float  # of 0
+    tip_x_gy: float  # of 0
+    tip_y_gy: float  # of 1/3
+
+
+@kernel
+def enclose_slightly_loaded(G: float) -> SlightlyLoaded:
+    """Return how far a rod's derivatives by g can be from those of the unloaded rod, for all |g| <= G < 1.
+
+    The tangent's angle tau from the tip's, at the distance t from the tip, obeys tau'' = g_x sin tau - g_y cos tau, so
+    |tau| <= G t^2 / 2; its derivatives A by g_x and B by g_y obey A'' = sin tau + k A, B'' = -cos tau + k B, |k| <= G.
+    Comparison gives |A| <= q t^4 G / 24, q = 1 / (1 - G / 12), and |B| <= p t^2 / 2, p = 1 / (1 - G / 2); then
+    |B + t^2 / 2| <= G^2 t^6 / 240 + p G t^4 / 24. What follows are integrals over t, then the turn by -tau(1).
+    """
+    q, p, turn = 1.0 / (1.0 - G / 12.0), 1.0 / (1.0 - 0.5 * G), 0.5 * G
+    a = q * G / 24.0  # |A(1)|
+    d = G * G / 240.0 + p * G / 24.0  # |B(1) + 1 / 2|
+    b = 0.5 + d  # |B(1)|
+    unturned = G * G / 8.0  # 1 - cos tau(1)
+    # in the tip's frame: by g_x along and across, by g_y along and (less 1/3) across
+    along_gx, across_gx = q * G * G / 336.0 + a * G / 6.0, q * G / 120.0 + a
+    along_gy = p * G / 20.0 + b * G / 6.0
+    across_gy = G * G / 1680.0 + p * G / 120.0 + p * G * G / 112.0 + d + b * G * G / 40.0
+    outward = 1.0 + 1e-13
+    return SlightlyLoaded(
+        (unturned + G * a) * outward,
+        (turn + G * a) * outward,
+        (turn + G * b) * outward,
+        (unturned + G * b) * outward,
+        (along_gx + turn * across_gx) * outward,
+        (across_gx + turn * along_gx) * outward,
+        (along_gy + turn * (across_gy + 1.0 / 3.0)) * outward,
+        (across_gy + unturned / 3.0 + turn * along_gy) * outward,
+    )
