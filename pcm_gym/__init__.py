@@ -7,11 +7,13 @@ from pcm_gym.environments import environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import (
     BranchTracker,
+    Certificate,
     Equilibrium,
     EquilibriumSet,
     Event,
     RodState,
     TrackedStep,
+    UndecidedRegion,
     home_equilibrium,
     solve_forward,
     solve_inverse,
@@ -20,6 +22,7 @@ from pcm_gym.tasks import Element, observation_elements
 
 __all__ = [
     "BranchTracker",
+    "Certificate",
     "Element",
     "Equilibrium",
     "EquilibriumSet",
@@ -31,6 +34,7 @@ __all__ = [
     "Rod",
     "RodState",
     "TrackedStep",
+    "UndecidedRegion",
     "environment_ids",
     "get_mechanism",
     "home_equilibrium",

@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.kernels.cells import node_offset
+from pcm_gym.kernels.closure import make_workspace, set_inputs
 from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.enumeration import POLISH_RULES, set_pose_from_tips
 from pcm_gym.kernels.krawczyk import Krawczyk, Proved, correct, is_proved, make_krawczyk, natural_width, prove
 from pcm_gym.kernels.linear import eliminate
+from pcm_gym.kernels.newton import CONVERGED, solve_forward_locally
 from pcm_gym.kernels.rod_cells import (
     ACROSS,
     ALONG,
@@ -50,7 +53,7 @@ class Undecided(NamedTuple):
     """Pairs of cells, no longer split, that may hold an equilibrium outside the proved boxes."""
 
     cells: Array  # (m, 2, 4)
-    count: Integers  # (1,)
+    total: Integers  # (1,): how many there are
     examined: Integers  # (1,): pairs of cells that were looked at
 
 
@@ -121,7 +124,7 @@ def _narrow(first: Array, second: Array, test: Array, span: Array) -> bool:
 
 
 @kernel
-def join(cells: UnitCells, frames: Frames, proved: Proved, pairs: Integers) -> int:
+def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Integers) -> int:
     """Find the pairs of leaves that may hold an equilibrium outside the proved boxes; return how many there are.
 
     They are put into `pairs` (m, 2); if there are more than fit, only one more than fit is counted.
@@ -165,10 +168,11 @@ def join(cells: UnitCells, frames: Frames, proved: Proved, pairs: Integers) -> i
 
 
 @kernel
-def resolve(
-    cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved: Proved, undecided: Undecided
-) -> bool:
-    """Examine pairs of leaves until all parts are excluded, proved, or too small; False where a limit was met first."""
+def resolve(cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved: Proved, undecided: Undecided) -> bool:
+    """Examine pairs of leaves until all parts are excluded, proved, or too small; False where a limit was met first.
+
+    What was not examined then is put into `undecided` as one pair that holds it all.
+    """
     work = make_krawczyk()
     stack = np.empty((_DEPTH, 2, 4))
     test, span = np.empty((ROWS, 2 * ROWS)), np.empty((ROWS, 2))
@@ -177,42 +181,82 @@ def resolve(
             stack[0, leg] = cells.boxes[pairs[n, leg]]
         top = 1
         while top > 0:
-            if undecided.examined[0] >= most or top >= _DEPTH - 1:
+            is_full = undecided.total[0] + 1 >= undecided.cells.shape[0]
+            if undecided.examined[0] >= most or is_full or top + 2 > _DEPTH:
+                _give_up(cells, pairs[n + 1 :], stack[:top], undecided)
                 return False
             undecided.examined[0] += 1
-            top -= 1
-            pair = stack[top]
-            if is_proved(proved, pair[0], pair[1]):
-                continue
-            for leg in range(2):
-                set_unit_models(pair[leg], work.models)
-                set_contribution(frames, leg, work.models, work.parts[leg])
-            if not _may_touch(work.parts[0], work.parts[1]):
-                continue
-            if not _narrow(work.parts[0], work.parts[1], test, span):
-                continue
-            if _relative_width(pair, _widest(pair)) < _LEAST_CELL:
-                if undecided.count[0] == undecided.cells.shape[0]:
-                    return False
-                undecided.cells[undecided.count[0]] = pair
-                undecided.count[0] += 1
-                continue
-            least, largest = _narrow_pair(pair, span)
-            if largest < _CLEAR:
-                _look_for_equilibrium(frames, pair, proved, work)
-            if least < _NARROWED:
-                top += 1
-                continue
-            split = _widest(pair)
-            leg, k = split // 2, 2 * (split % 2)
-            stack[top + 1] = pair
-            half = 0.5 * pair[leg, k + 1]
-            for child in range(2):
-                box = stack[top + child, leg]
-                box[k] += half if child == 0 else -half
-                box[k + 1] = half * (1.0 + SLACK) + SLACK * abs(box[k])
-            top += 2
+            top += _examine(frames, stack, top - 1, proved, undecided, work, test, span)
     return True
+
+
+@kernel
+def _examine(
+    frames: Frames,
+    stack: Array,
+    top: int,
+    proved: Proved,
+    undecided: Undecided,
+    work: Krawczyk,
+    test: Array,
+    span: Array,
+) -> int:
+    """Examine the pair stack[top]; leave in its place what is still open of it, and return the stack's growth."""
+    pair = stack[top]
+    if is_proved(proved, pair[0], pair[1]):
+        return -1
+    for leg in range(2):
+        set_unit_models(pair[leg], work.models)
+        set_contribution(frames, leg, work.models, work.parts[leg])
+    if not _may_touch(work.parts[0], work.parts[1]) or not _narrow(work.parts[0], work.parts[1], test, span):
+        return -1
+    widest = _widest(pair)
+    if _relative_width(pair, widest) < _LEAST_CELL:
+        undecided.cells[undecided.total[0]] = pair
+        undecided.total[0] += 1
+        return -1
+    least, largest = _narrow_pair(pair, span)
+    if largest < _CLEAR:
+        _look_for_equilibrium(frames, pair, proved, work)
+    if least < _NARROWED:
+        return 0
+    _split(stack, top, widest)
+    return 1
+
+
+@kernel
+def _split(stack: Array, top: int, widest: int) -> None:
+    """Halve the pair stack[top] along one of its four loads, into stack[top] and stack[top + 1]."""
+    leg, k = widest // 2, 2 * (widest % 2)
+    stack[top + 1] = stack[top]
+    half = 0.5 * stack[top, leg, k + 1]
+    for child in range(2):
+        box = stack[top + child, leg]
+        box[k] += half if child == 0 else -half
+        box[k + 1] = half * (1.0 + SLACK) + SLACK * abs(box[k])
+
+
+@kernel
+def _give_up(cells: UnitCells, pairs: Integers, open_pairs: Array, undecided: Undecided) -> None:
+    """Add to `undecided` one pair that holds all these, of leaves and of other cells."""
+    hull = undecided.cells[undecided.total[0]]
+    hull[:] = open_pairs[0]
+    for n in range(1, open_pairs.shape[0]):
+        for leg in range(2):
+            _enlarge(hull[leg], open_pairs[n, leg])
+    for n in range(pairs.shape[0]):
+        for leg in range(2):
+            _enlarge(hull[leg], cells.boxes[pairs[n, leg]])
+    undecided.total[0] += 1
+
+
+@kernel
+def _enlarge(box: Array, other: Array) -> None:
+    for k in range(0, 4, 2):
+        low = min(box[k] - box[k + 1], other[k] - other[k + 1])
+        high = max(box[k] + box[k + 1], other[k] + other[k + 1])
+        box[k] = 0.5 * (low + high)
+        box[k + 1] = 0.5 * (high - low) * (1.0 + SLACK) + SLACK * abs(box[k])
 
 
 @kernel
@@ -253,3 +297,15 @@ def _look_for_equilibrium(frames: Frames, pair: Array, proved: Proved, work: Kra
         z[2 * leg], z[2 * leg + 1] = max(pair[leg, RHO], 0.0), pair[leg, B]
     if correct(frames, z, work):
         prove(frames, z, proved, work)
+
+
+@kernel
+def set_state(legs: Array, inputs: Array, load: Array, z: Array, x: Array) -> bool:
+    """Put the equilibrium near the polar loads z into the state x (6,); return whether Newton's method converged."""
+    work = make_workspace(2, 6)
+    for leg in range(2):
+        rho, b = z[2 * leg], z[2 * leg + 1]
+        x[2 * leg], x[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)
+    set_inputs(legs, inputs, work)
+    set_pose_from_tips(legs, x, work)
+    return solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED

@@ -68,7 +68,7 @@ _LOAD, _ARMS, _SPANS = range(3)
 _LINEAR_TEST_LEVEL = 5
 
 # Near a fold Newton's method halves the error at best, and the correction never falls below the noise.
-_POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40, residual=2e-15)
+POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40, residual=2e-15)
 # Local coordinates of the starts near a cell's corners.
 _CORNER = 0.6
 # States nearer than the first are one; states nearer than the second are one if they have the same index.
@@ -338,7 +338,7 @@ def _set_start_rods(combination: Integers, start: Array, unit: UnitRod, x: Array
 
 
 @kernel
-def _set_pose_from_tips(legs: Array, x: Array, work: Workspace) -> None:
+def set_pose_from_tips(legs: Array, x: Array, work: Workspace) -> None:
     """Fit the pose in `x` to the tips of its rods, least squares."""
     leg_count = legs.shape[0]
     pose = 2 * leg_count
@@ -378,8 +378,8 @@ def polish_forward(
     for n in range(combinations.shape[0]):
         set_inputs(legs, inputs, work)
         _set_start_rods(combinations[n], starts[n], unit, x)
-        _set_pose_from_tips(legs, x, work)
-        if solve_forward_locally(legs, inputs, load, x, _POLISH_RULES, work) == CONVERGED:
+        set_pose_from_tips(legs, x, work)
+        if solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED:
             count = _keep(legs, x, inputs, unit.rho_max, work, found, count)
     for n in range(count):
         count = _look_across_fold(legs, inputs, load, unit.rho_max, n, work, found, count)
@@ -405,7 +405,7 @@ def _look_across_fold(
     while distance < 0.3:
         for sign in (-1.0, 1.0):
             trial = x + sign * distance * direction
-            if solve_forward_locally(legs, inputs, load, trial, _POLISH_RULES, work) == CONVERGED:
+            if solve_forward_locally(legs, inputs, load, trial, POLISH_RULES, work) == CONVERGED:
                 count = _keep(legs, trial, inputs, rho_max, work, found, count)
         distance *= 3.0
     return count
@@ -432,7 +432,7 @@ def polish_inverse(
                 point = rod(x[2 * leg], x[2 * leg + 1])
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-            if solve_inverse_locally(legs, inputs, load, x, _POLISH_RULES, work) != CONVERGED:
+            if solve_inverse_locally(legs, inputs, load, x, POLISH_RULES, work) != CONVERGED:
                 continue
             for leg in range(leg_count):
                 if legs[leg, TURN] != 0.0:

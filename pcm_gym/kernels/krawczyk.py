@@ -1,7 +1,7 @@
 """Boxes of loads that hold exactly one equilibrium each, proved by Krawczyk's test.
 
-The unknowns z are the loads of the two rods, each in its own chart: (rho, b), or, for a rod that is nearly unloaded, the
-load g = rho^2 (cos b, -sin b) itself, in which everything is smooth at zero. F(z) = 0 are the equations of `rod_cells`,
+The unknowns z are the loads of the two rods, each in its own chart: (rho, b), or, for a rod that is nearly unloaded,
+the load g = rho^2 (cos b, -sin b) itself, in which everything is smooth at zero. F(z) = 0 are the equations of `rod_cells`,
 J their Jacobian, enclosed over the whole box, and Y an approximate inverse. If |Y F(z)| + |1 - Y J| r < r in every
 component, the box z +- r holds exactly one equilibrium (Krawczyk 1969; Neumaier, Interval methods for systems of
 equations, 1990, theorem 5.1.8).
@@ -55,7 +55,7 @@ class Proved(NamedTuple):
     radius: Array  # (m, 4): half widths of the box
     error: Array  # (m, 4): half widths of a smaller box that holds the equilibrium
     charts: Integers  # (m, 2): of each rod
-    count: Integers  # (1,): of boxes
+    total: Integers  # (1,): how many there are
 
 
 class Krawczyk(NamedTuple):
@@ -239,7 +239,7 @@ def correct(frames: Frames, z: Array, work: Krawczyk) -> bool:
         if size < _LAST_CORRECTION:
             for leg in range(2):
                 z[2 * leg], z[2 * leg + 1] = _polar(z, charts, leg)
-            return z[0] >= 0.0 and z[2] >= 0.0
+            return bool(z[0] >= 0.0 and z[2] >= 0.0)
     return False
 
 
@@ -319,10 +319,10 @@ def _tighten(frames: Frames, z: Array, charts: Integers, r: Array, error: Array,
 @kernel
 def is_proved(proved: Proved, first: Array, second: Array) -> bool:
     """Return whether a pair of cells, one of each rod, lies in a proved box: it holds no other equilibrium."""
-    for n in range(proved.count[0]):
-        if _holds(proved, n, 0, first) and _holds(proved, n, 1, second):
-            return True
-    return False
+    n = 0
+    while n < proved.total[0] and not (_holds(proved, n, 0, first) and _holds(proved, n, 1, second)):
+        n += 1
+    return bool(n < proved.total[0])
 
 
 @kernel
@@ -347,7 +347,7 @@ def _holds(proved: Proved, n: int, leg: int, cell: Array) -> bool:
 @kernel
 def _is_known(proved: Proved, z: Array, charts: Integers, error: Array) -> bool:
     """Return whether the equilibrium within `error` of z lies in a proved box."""
-    for n in range(proved.count[0]):
+    for n in range(proved.total[0]):
         is_inside = charts[0] == proved.charts[n, 0] and charts[1] == proved.charts[n, 1]
         for k in range(ROWS):
             gap = abs(z[k] - proved.center[n, k])
@@ -362,7 +362,7 @@ def _is_known(proved: Proved, z: Array, charts: Integers, error: Array) -> bool:
 @kernel
 def _is_apart(proved: Proved, z: Array, charts: Integers, error: Array) -> bool:
     """Return whether the equilibrium within `error` of z is another than all those that are proved."""
-    for n in range(proved.count[0]):
+    for n in range(proved.total[0]):
         is_other = False
         for leg in range(2):
             if charts[leg] != proved.charts[n, leg]:
@@ -387,7 +387,7 @@ def prove(frames: Frames, z: Array, proved: Proved, work: Krawczyk) -> bool:
 
     Returns whether the equilibrium is proved.
     """
-    n = proved.count[0]
+    n = proved.total[0]
     if n == proved.center.shape[0]:
         return False
     charts = proved.charts[n]
@@ -399,5 +399,5 @@ def prove(frames: Frames, z: Array, proved: Proved, work: Krawczyk) -> bool:
     if not _is_apart(proved, z, charts, proved.error[n]):
         return False
     proved.center[n] = z
-    proved.count[0] += 1
+    proved.total[0] += 1
     return True

@@ -1,7 +1,7 @@
 """Rigorous models of the unit rod over a tree of cells, and what a leg adds to the equations over a cell.
 
-The counterpart of `cells` for proofs: remainders are bounds, from `rod_enclosure`, and all rounding is covered. Cells are
-boxes in the polar chart (rho, b), divided in b by a grid that is graded towards tension.
+The counterpart of `cells` for proofs: remainders are bounds, from `rod_enclosure`, and all rounding is covered. Cells
+are boxes in the polar chart (rho, b), divided in b by a grid that is graded towards tension.
 """
 
 import math

@@ -2,9 +2,9 @@
 
 Over the box rho = rho_c + s rho_h, b = b_c + t b_h every quantity is a Taylor model in (s, t), see `taylor_models`. The
 elliptic functions at u = rho come from their power series at u / 2^n by n doublings, all in m = cos^2(b/2) and
-m1 = sin^2(b/2), with positive sums wherever digits could be lost; so the enclosures hold and stay tight at b = 0 (k = 1,
-straight tension) and b = pi (k = 0), on either side of both, and at rho = 0. Doubling formulas: DLMF 22.6(ii) and
-22.16.27, rewritten. Symbols as in `rod`; C(u) is the integral of cn^2, C = (E - m1 u) / m.
+m1 = sin^2(b/2), with positive sums wherever digits could be lost. So the enclosures hold and stay tight at b = 0
+(k = 1, straight tension) and b = pi (k = 0), on either side of both, and at rho = 0. Doubling formulas: DLMF 22.6(ii)
+and 22.16.27, rewritten. Symbols as in `rod`; C(u) is the integral of cn^2, C = (E - m1 u) / m.
 """
 
 import math
@@ -134,8 +134,8 @@ def enclose_elliptic(rho: float, rho_half_width: float, b: float, b_half_width: 
 def _double(m: Model, m1: Model, cn: Model) -> tuple[Model, Model, Model]:
     """Return cn and dn at twice the argument, and 1 / (1 - m sn^4).
 
-    With c = cn^2, d cn(2u) / dc = 2 dn(2u) / D and d dn(2u) / dc = 2 m cn(2u) / D, D = 1 - m sn^4. The remainder of c is
-    carried over by these; multiplied through the formulas, in which c comes more than once, it would grow much faster.
+    With c = cn^2 and D = 1 - m sn^4, d cn(2u) / dc = 2 dn(2u) / D and d dn(2u) / dc = 2 m cn(2u) / D. These carry the
+    remainder of c over; multiplied through the formulas, in which c comes more than once, it would grow much faster.
     """
     square = multiply(cn, cn)
     error = square.remainder
@@ -197,7 +197,9 @@ def enclose_rod_derivatives(
     eta = add(e.cn, multiply(multiply(multiply(sn, nd), e.rho), m_c))
     # d Y / d b, as d eta / d u over rho
     bend = multiply(multiply(m_c, cd), nd)
-    across_b = add(subtract(bend, multiply(e.sn_u, e.dn)), multiply(multiply(e.m, e.sn_u), multiply(nd, multiply(e.cn, e.cn))))
+    across_b = add(
+        subtract(bend, multiply(e.sn_u, e.dn)), multiply(multiply(e.m, e.sn_u), multiply(nd, multiply(e.cn, e.cn)))
+    )
     along_b = scale(-0.5, add(multiply(across, eta), e.sin_b))
     along_rho, across_rho = multiply(subtract(cos_0, along), inverse), multiply(subtract(sin_0, across), inverse)
     by_rho = _turn(along_rho, across_rho, cos_0, sin_0, rod, beta_u)

@@ -14,6 +14,7 @@ from pcm_gym.kernels.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration import Found, find_combinations, polish_forward, polish_inverse
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.solutions import EquilibriumSet
 
@@ -36,6 +37,7 @@ def solve_forward(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
+    certify: bool = False,
 ) -> EquilibriumSet:
     """Return every equilibrium at these inputs, stable or not, in all buckling modes, by ascending energy.
 
@@ -55,6 +57,8 @@ def solve_forward(
         For each rod the buckling mode asked for, or a set of them; all by default.
     refinement : int
         Times the resolution of the cells is doubled; to confirm that a set of solutions is complete.
+    certify : bool
+        Whether to prove that the set is complete (two legs only); the `certificate` of the set says what is proved.
 
     Returns
     -------
@@ -64,20 +68,27 @@ def solve_forward(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range.
+        If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
 
     Notes
     -----
-    About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`.
+    About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`. A proof takes about 0.2 s at
+    `rho_max` 9, some seconds at 15; far beyond that it may be left undecided, within about 10 s.
     """
     inputs = mechanism.check_inputs(inputs)
+    if certify and mechanism.leg_count != 2:
+        raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     levels = _LEVELS if mechanism.dof == 2 else _PLATFORM_FORWARD_LEVELS
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement, levels)
     scaled = inputs / mechanism.units.inputs
     cells, starts = problem.combinations(scaled, np.zeros(mechanism.dof), is_inverse=False)
     found = problem.room()
     count = polish_forward(mechanism.leg_table, scaled, problem.scaled_load, problem.unit, cells, starts, found)
-    return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)), _too_far_apart(mechanism, inputs))
+    states, certificate = found.x[:count], None
+    if certify:
+        states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.unit.rho_max, states)
+    obstacle = _too_far_apart(mechanism, inputs)
+    return problem.solutions(states, np.tile(inputs, (len(states), 1)), obstacle, certificate)
 
 
 def solve_inverse(
@@ -88,6 +99,7 @@ def solve_inverse(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
+    certify: bool = False,
 ) -> EquilibriumSet:
     """Return every equilibrium at this pose with the inputs that hold it there, by ascending energy.
 
@@ -98,6 +110,8 @@ def solve_inverse(
         Pose of the end-effector, (x, y) in m or (x, y, phi).
     load, rho_max, modes, refinement
         As for `solve_forward`.
+    certify : bool
+        Only for the forward problem: True raises.
 
     Returns
     -------
@@ -116,6 +130,8 @@ def solve_inverse(
     may then turn any way. A pose out of reach gives an empty set.
     """
     pose = mechanism.check_pose(pose)
+    if certify:
+        raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled = pose / mechanism.units.pose
     cells, starts = problem.combinations(np.zeros(mechanism.leg_count), scaled, is_inverse=True)
@@ -179,7 +195,9 @@ class _Problem:
             np.empty(_MOST_FOUND, dtype=np.int64),
         )
 
-    def solutions(self, states: Array, inputs: Array, obstacle: str) -> EquilibriumSet:
+    def solutions(
+        self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None
+    ) -> EquilibriumSet:
         """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
         equilibria = [
             Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
@@ -188,7 +206,7 @@ class _Problem:
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
-        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason)
+        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason, certificate)
 
 
 @lru_cache(maxsize=16)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import overload
 
+from pcm_gym.solving.certification import Certificate
 from pcm_gym.solving.equilibrium import Equilibrium
 
 
@@ -16,10 +17,13 @@ class EquilibriumSet(Sequence[Equilibrium]):
     equilibria : tuple of Equilibrium
     reason : str
         Why the set is empty; empty itself where there are solutions.
+    certificate : Certificate or None
+        What is proved of the set's completeness, in all modes; None if that was not asked for.
     """
 
     equilibria: tuple[Equilibrium, ...]
     reason: str = ""
+    certificate: Certificate | None = None
 
     @property
     def stable(self) -> tuple[Equilibrium, ...]:
