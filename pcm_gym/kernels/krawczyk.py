@@ -1,10 +1,10 @@
 """Boxes of loads that hold exactly one equilibrium each, proved by Krawczyk's test.
 
 The unknowns z are the loads of the two rods, each in its own chart: (rho, b), or, for a rod that is nearly unloaded,
-the load g = rho^2 (cos b, -sin b) itself, in which everything is smooth at zero. F(z) = 0 are the equations of `rod_cells`,
-J their Jacobian, enclosed over the whole box, and Y an approximate inverse. If |Y F(z)| + |1 - Y J| r < r in every
-component, the box z +- r holds exactly one equilibrium (Krawczyk 1969; Neumaier, Interval methods for systems of
-equations, 1990, theorem 5.1.8).
+the load g = rho^2 (cos b, -sin b) itself, in which everything is smooth at zero. F(z) = 0 are the equations of
+`rod_cells`, J their Jacobian, enclosed over the whole box, and Y an approximate inverse. If |Y F(z)| + |1 - Y J| r < r
+in every component, the box z +- r holds exactly one equilibrium (Krawczyk 1969; Neumaier, Interval methods for systems
+of equations, 1990, theorem 5.1.8).
 """
 
 import math

@@ -77,7 +77,7 @@ def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
     for band in range(bands):
         for j in range(count + 1):
             grid[band, j] = grid_angle(rho_max * (band + 0.5) / bands, j / count)
-        grid[band, count] = 3.1415926535897936  # the next number above pi
+        grid[band, 0], grid[band, count] = 0.0, 3.1415926535897936  # the next number above pi
     nodes = node_offset(levels + 1)
     cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
     start = node_offset(levels)

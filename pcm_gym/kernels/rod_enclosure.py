@@ -96,7 +96,7 @@ def _series(function: int, w: Model, powers: tuple[Model, ...]) -> Model:
     """
     total = constant(0.0)
     for n in range(_TERMS - 1, -1, -1):
-        coefficient = constant(_COEFFICIENTS[function, n, 0])
+        coefficient = scale(_COEFFICIENTS[function, n, 0], constant(1.0))
         for j in range(1, n + 1):
             coefficient = add(coefficient, scale(_COEFFICIENTS[function, n, j], powers[j - 1]))
         total = add(multiply(total, w), coefficient)
@@ -147,15 +147,16 @@ def _double(m: Model, m1: Model, cn: Model) -> tuple[Model, Model, Model]:
     inverse = reciprocal(denominator)
     cn_above = multiply(add(m_c_2, multiply(m1, shift(scale(2.0, c), -1.0))), inverse)
     dn_above = multiply(add(m1, m_c_2), inverse)
-    least = denominator.center - radius(denominator) - 2.0 * error  # D grows with c, by at most 2
+    # c may be wrong by `error`, and D by 3 times that, being at most 1; then both derivatives are bounded together
+    least = denominator.center - radius(denominator) - 3.0 * error
     largest_inverse = 1.0 / least if least > 0.0 else math.inf
-    largest_dn = min(1.0, abs(dn_above.center) + radius(dn_above) + 2.0 * largest_inverse * error)
-    cn_error = 2.0 * largest_dn * largest_inverse * error
-    largest_cn = min(1.0, abs(cn_above.center) + radius(cn_above) + cn_error)
+    rate = 2.0 * largest_inverse * error
+    growth = 1.0 / (1.0 - rate * rate) if rate < 0.9 else math.inf
+    cn_size, dn_size = abs(cn_above.center) + radius(cn_above), abs(dn_above.center) + radius(dn_above)
     return (
-        widen(cn_above, cn_error),
-        widen(dn_above, 2.0 * largest_cn * largest_inverse * error),
-        widen(inverse, 2.0 * largest_inverse * largest_inverse * error),
+        widen(cn_above, rate * (dn_size + rate * cn_size) * growth),
+        widen(dn_above, rate * (cn_size + rate * dn_size) * growth),
+        widen(inverse, 1.5 * rate * largest_inverse),
     )
 
 
