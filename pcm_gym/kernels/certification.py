@@ -83,36 +83,37 @@ def _may_touch(first: Array, second: Array) -> bool:
 
 
 @kernel
-def _narrow(first: Array, second: Array, test: Array, span: Array) -> bool:
-    """Return whether the affine models of two contributions allow all sums to vanish; `span` (4, 2) is where.
+def _narrow(first: Array, second: Array, work: Krawczyk) -> bool:
+    """Return whether the affine models of two contributions allow all sums to vanish; `work.span` is where.
 
-    The rows are combined by an approximate inverse of the system; any combination gives a necessary condition. `span`
-    holds the bounds of the four local coordinates, within [-1, 1].
+    The rows are combined by an approximate inverse of the system; any combination gives a necessary condition.
     """
+    table, span = work.inverse, work.span
     for row in range(ROWS):
-        test[row, 0], test[row, 1] = first[row, ALONG], first[row, ACROSS]
-        test[row, 2], test[row, 3] = second[row, ALONG], second[row, ACROSS]
+        table[row, 0], table[row, 1] = first[row, ALONG], first[row, ACROSS]
+        table[row, 2], table[row, 3] = second[row, ALONG], second[row, ACROSS]
         for k in range(ROWS):
-            test[row, ROWS + k] = 1.0 if k == row else 0.0
+            table[row, ROWS + k] = 1.0 if k == row else 0.0
     span[:, 0], span[:, 1] = -1.0, 1.0
-    if not eliminate(test, ROWS, 2 * ROWS):
+    if not eliminate(table, ROWS, 2 * ROWS):
         return True
     for k in range(ROWS):
-        value = reach = rounding = by_0 = by_1 = by_2 = by_3 = 0.0
+        slopes = table[k]  # their half of the table is free now
+        slopes[:ROWS] = 0.0
+        value = reach = rounding = 0.0
         for row in range(ROWS):
-            factor, a, b = test[k, ROWS + row], first[row], second[row]
+            factor, a, b = table[k, ROWS + row], first[row], second[row]
             value += factor * (a[CENTER] + b[CENTER])
-            by_0 += factor * a[ALONG]
-            by_1 += factor * a[ACROSS]
-            by_2 += factor * b[ALONG]
-            by_3 += factor * b[ACROSS]
+            slopes[0] += factor * a[ALONG]
+            slopes[1] += factor * a[ACROSS]
+            slopes[2] += factor * b[ALONG]
+            slopes[3] += factor * b[ACROSS]
             reach += abs(factor) * (a[REMAINDER] + b[REMAINDER])
             rounding += abs(factor) * (a[SPREAD] + b[SPREAD] + abs(a[CENTER]) + abs(b[CENTER]))
-        reach += SLACK * rounding
-        others = abs(by_0) + abs(by_1) + abs(by_2) + abs(by_3)
-        own = by_0 if k == 0 else (by_1 if k == 1 else (by_2 if k == 2 else by_3))
-        reach += others - abs(own) + abs(own - 1.0)
-        reach *= 1.0 + SLACK
+        slopes[k] -= 1.0
+        for j in range(ROWS):
+            reach += abs(slopes[j])
+        reach = (reach + SLACK * (1.0 + rounding)) * (1.0 + SLACK)
         if abs(value) > 1.0 + reach:
             return False
         # where the inverse is too bad to say anything, nan included, the bounds stay
@@ -134,7 +135,7 @@ def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Int
     for leg in range(2):
         for node in range(nodes):
             set_contribution(frames, leg, cells.models[node], parts[leg, node])
-    test, span = np.empty((ROWS, 2 * ROWS)), np.empty((ROWS, 2))
+    work = make_krawczyk()
     stack = np.empty((16 * (levels + 2), 3), dtype=np.int64)
     top = 0
     for start in range(4):
@@ -151,7 +152,7 @@ def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Int
         if level_2 >= BAND_LEVEL:
             if is_proved(proved, cells.boxes[node_1], cells.boxes[node_2]):
                 continue
-            if not _narrow(parts[0, node_1], parts[1, node_2], test, span):
+            if not _narrow(parts[0, node_1], parts[1, node_2], work):
                 continue
         if level_2 == levels:
             if count == pairs.shape[0]:
@@ -175,7 +176,6 @@ def resolve(cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved
     """
     work = make_krawczyk()
     stack = np.empty((_DEPTH, 2, 4))
-    test, span = np.empty((ROWS, 2 * ROWS)), np.empty((ROWS, 2))
     for n in range(pairs.shape[0]):
         for leg in range(2):
             stack[0, leg] = cells.boxes[pairs[n, leg]]
@@ -186,21 +186,12 @@ def resolve(cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved
                 _give_up(cells, pairs[n + 1 :], stack[:top], undecided)
                 return False
             undecided.examined[0] += 1
-            top += _examine(frames, stack, top - 1, proved, undecided, work, test, span)
+            top += _examine(frames, stack, top - 1, proved, undecided, work)
     return True
 
 
 @kernel
-def _examine(
-    frames: Frames,
-    stack: Array,
-    top: int,
-    proved: Proved,
-    undecided: Undecided,
-    work: Krawczyk,
-    test: Array,
-    span: Array,
-) -> int:
+def _examine(frames: Frames, stack: Array, top: int, proved: Proved, undecided: Undecided, work: Krawczyk) -> int:
     """Examine the pair stack[top]; leave in its place what is still open of it, and return the stack's growth."""
     pair = stack[top]
     if is_proved(proved, pair[0], pair[1]):
@@ -208,14 +199,14 @@ def _examine(
     for leg in range(2):
         set_unit_models(pair[leg], work.models)
         set_contribution(frames, leg, work.models, work.parts[leg])
-    if not _may_touch(work.parts[0], work.parts[1]) or not _narrow(work.parts[0], work.parts[1], test, span):
+    if not _may_touch(work.parts[0], work.parts[1]) or not _narrow(work.parts[0], work.parts[1], work):
         return -1
     widest = _widest(pair)
     if _relative_width(pair, widest) < _LEAST_CELL:
         undecided.cells[undecided.total[0]] = pair
         undecided.total[0] += 1
         return -1
-    least, largest = _narrow_pair(pair, span)
+    least, largest = _narrow_pair(pair, work.span)
     if largest < _CLEAR:
         _look_for_equilibrium(frames, pair, proved, work)
     if least < _NARROWED:
@@ -281,12 +272,12 @@ def _narrow_pair(pair: Array, span: Array) -> tuple[float, float]:
     least, largest = 1.0, 0.0
     for k in range(ROWS):
         box, column = pair[k // 2], 2 * (k % 2)
-        part = 0.5 * (span[k, 1] - span[k, 0])
-        least, largest = min(least, part), max(largest, part)
+        width, part = box[column + 1], 0.5 * (span[k, 1] - span[k, 0])
         if part < 1.0:
-            width = box[column + 1]
             box[column] += 0.5 * (span[k, 0] + span[k, 1]) * width
-            box[column + 1] = part * width * (1.0 + 4.0 * SLACK) + SLACK * (abs(box[column]) + width)
+            box[column + 1] = part * width * (1.0 + SLACK) + SLACK * (abs(box[column]) + width)
+        left = box[column + 1] / width
+        least, largest = min(least, left), max(largest, left)
     return least, largest
 
 

@@ -59,7 +59,7 @@ class Proved(NamedTuple):
 
 
 class Krawczyk(NamedTuple):
-    """Scratch arrays of the test."""
+    """Scratch arrays of the test, and of the search around it."""
 
     box: Array  # (4,)
     models: Array  # (4, 4)
@@ -72,6 +72,7 @@ class Krawczyk(NamedTuple):
     value: Array  # (4,): bound of |Y F(z)|
     trial: Array  # (4,)
     loads: Array  # (4,)
+    span: Array  # (4, 2)
     charts: Integers  # (2,)
 
 
@@ -102,6 +103,7 @@ def make_krawczyk() -> Krawczyk:
         np.zeros(4),
         np.zeros(4),
         np.zeros(4),
+        np.zeros((4, 2)),
         np.zeros(2, dtype=np.int64),
     )
 

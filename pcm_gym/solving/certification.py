@@ -22,8 +22,8 @@ from pcm_gym.solving.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
 
-# Halvings of the rod's table of cells, up to a largest load and beyond it.
-_LEVELS, _LARGE_LOAD, _LARGE_LOAD_LEVELS = 7, 10.0, 8
+# Halvings of the rod's table of cells, and loads rho_max beyond which there is one more of them.
+_LEVELS, _LARGE_LOADS = 7, (10.0, 16.0)
 _MOST_PROVED, _MOST_OPEN, _MOST_UNDECIDED = 4096, 1 << 18, 1 << 14
 _MOST_EXAMINED = 1_000_000
 # Undecided cells nearer than this, in rho and b, are one region.
@@ -149,14 +149,14 @@ def certify_forward(
     frames = make_frames(legs, inputs, load)
     proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
     prove_all(frames, _polar_loads(states), proved)
-    cells = _unit_cells(_LEVELS if rho_max <= _LARGE_LOAD else _LARGE_LOAD_LEVELS, rho_max)
+    cells = _unit_cells(_LEVELS + sum(rho_max > load for load in _LARGE_LOADS), rho_max)
     pairs = np.empty((_MOST_OPEN, 2), dtype=np.int64)
     count = find_open_pairs(cells, frames, proved, pairs)
-    is_finished = count <= _MOST_OPEN and resolve(cells, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
-    regions = _undecided_regions(undecided, is_finished)
-    if count > _MOST_OPEN:
-        whole = np.array([[0.0, rho_max]] * 2), np.array([[-math.pi, math.pi]] * 2)
-        regions = [UndecidedRegion("limit", *whole)]
+    if count <= _MOST_OPEN:
+        is_finished = resolve(cells, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
+        regions = _undecided_regions(undecided, is_finished)
+    else:
+        regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
     boxes = _Boxes.of(proved)
     is_inside, is_outside = boxes.in_range(rho_max)
     is_border = ~(is_inside | is_outside)
@@ -230,7 +230,7 @@ class _Boxes:
         return nearest if distance[nearest] <= 1.0 else None
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def _unit_cells(levels: int, rho_max: float) -> UnitCells:
     return make_unit_cells(levels, rho_max)
 

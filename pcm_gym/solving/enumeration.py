@@ -72,8 +72,9 @@ def solve_forward(
 
     Notes
     -----
-    About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`. A proof takes about 0.2 s at
-    `rho_max` 9, some seconds at 15; far beyond that it may be left undecided, within about 10 s.
+    About 20 ms for two legs. A platform takes seconds, more with larger `rho_max`. A proof takes 0.2 s at `rho_max` 9,
+    a few seconds at 15, and 0.4 GB of memory beyond 16; near 30 it is given up after about 10 s. The first one in a
+    process also tabulates the rod for this `rho_max`, 0.1 s to 2 s.
     """
     inputs = mechanism.check_inputs(inputs)
     if certify and mechanism.leg_count != 2:

@@ -52,7 +52,7 @@ def precise(box: Box, s: float, t: float) -> tuple[mpf, ...]:
 def test_holds_the_rod_in_multiple_precision(relative: float) -> None:
     rng = np.random.default_rng(7)
     with mp.workdps(40):
-        for box in boxes(60, relative, seed=1):
+        for box in boxes(40, relative, seed=1):
             enclosure = enclose_rod(*box)
             s, t = rng.uniform(-1.0, 1.0, 2) if rng.uniform() < 0.7 else rng.choice([-1.0, 1.0], 2)
             for model, truth in zip(enclosure, precise(box, s, t), strict=True):
