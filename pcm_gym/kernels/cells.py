@@ -57,8 +57,8 @@ class UnitRod(NamedTuple):
 
 
 @kernel
-def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
-    """Return the load g at rho and a grade in [0, 1] of |b| in [0, pi]; b > 0 on side 0.
+def grid_angle(rho: float, grade: float) -> float:
+    """Return |b| in [0, pi] at rho and a grade in [0, 1].
 
     Grades are equal steps of log(1 + b / exp(-rho)) + c b: even, but logarithmic towards tension.
     """
@@ -68,6 +68,13 @@ def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
     for _ in range(_GRADE_STEPS):  # Newton's method on a concave function
         b -= (math.log1p(b / scale) + _EVENNESS * b - wanted) / (1.0 / (scale + b) + _EVENNESS)
         b = min(max(b, 0.0), math.pi)
+    return b
+
+
+@kernel
+def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
+    """Return the load g at rho and a grade of |b| (see `grid_angle`); b > 0 on side 0."""
+    b = grid_angle(rho, grade)
     sine = math.sin(b) if side == 0 else -math.sin(b)
     return rho * rho * math.cos(b), -rho * rho * sine
 

@@ -1,6 +1,7 @@
 """Solving mechanisms: equilibria, branches, stability."""
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
+from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.crossings import Crossing, find_crossings
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
@@ -18,6 +19,7 @@ __all__ = [
     "Atlas",
     "Branch",
     "BranchTracker",
+    "Certificate",
     "Crossing",
     "CurveEnd",
     "Equilibrium",
@@ -33,6 +35,7 @@ __all__ = [
     "SnapStatus",
     "StableStates",
     "TrackedStep",
+    "UndecidedRegion",
     "build_atlas",
     "estimate_fold_distance",
     "find_crossings",

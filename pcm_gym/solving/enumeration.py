@@ -17,6 +17,7 @@ from pcm_gym.kernels.inverse_search import find_combinations, polish_combination
 from pcm_gym.kernels.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.solutions import EquilibriumSet
 
@@ -39,6 +40,7 @@ def solve_forward(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
+    certify: bool = False,
 ) -> EquilibriumSet:
     """Return every equilibrium at these inputs, stable or not, in all buckling modes, by ascending energy.
 
@@ -58,6 +60,8 @@ def solve_forward(
         For each rod the buckling mode asked for, or a set of them; all by default.
     refinement : int
         Times the resolution of the cells is doubled; to confirm that a set of solutions is complete.
+    certify : bool
+        Whether to prove that the set is complete (two legs only); the `certificate` of the set says what is proved.
 
     Returns
     -------
@@ -67,14 +71,18 @@ def solve_forward(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range.
+        If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
 
     Notes
     -----
     A few ms for two legs and about 0.1 s for a platform, rising steeply with `rho_max`; the first call with a new
-    `rho_max` tabulates the rod, which takes some tenths of a second.
+    `rho_max` tabulates the rod, which takes some tenths of a second. A proof takes 0.1 s at `rho_max` 9, a few seconds
+    at 15, and 0.4 GB of memory beyond 16; near 30 it is given up after about 10 s. The first one in a process also
+    tabulates the rod for this `rho_max`, 0.1 s to 2 s.
     """
     inputs = mechanism.check_inputs(inputs)
+    if certify and mechanism.leg_count != 2:
+        raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = inputs / mechanism.units.inputs, mechanism.leg_table
     sheets = _sheets(problem.rho_max, problem.refinement)
@@ -87,7 +95,11 @@ def solve_forward(
         raise problem.too_large()
     found = problem.room()
     count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts[:start_count], found)
-    return problem.solutions(found.x[:count], np.tile(inputs, (count, 1)), _too_far_apart(mechanism, inputs))
+    states, certificate = found.x[:count], None
+    if certify:
+        states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
+    obstacle = _too_far_apart(mechanism, inputs)
+    return problem.solutions(states, np.tile(inputs, (len(states), 1)), obstacle, certificate)
 
 
 def solve_inverse(
@@ -98,6 +110,7 @@ def solve_inverse(
     modes: Modes | None = None,
     *,
     refinement: int = 0,
+    certify: bool = False,
 ) -> EquilibriumSet:
     """Return every equilibrium at this pose with the inputs that hold it there, by ascending energy.
 
@@ -108,6 +121,8 @@ def solve_inverse(
         Pose of the end-effector, (x, y) in m or (x, y, phi).
     load, rho_max, modes, refinement
         As for `solve_forward`.
+    certify : bool
+        Only for the forward problem: True raises.
 
     Returns
     -------
@@ -126,6 +141,8 @@ def solve_inverse(
     may then turn any way. A pose out of reach gives an empty set.
     """
     pose = mechanism.check_pose(pose)
+    if certify:
+        raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = pose / mechanism.units.pose, mechanism.leg_table
     unit = _unit_rod(problem.rho_max, problem.refinement)
@@ -191,7 +208,9 @@ class _Problem:
             np.empty(_MOST_FOUND, dtype=np.int64),
         )
 
-    def solutions(self, states: Array, inputs: Array, obstacle: str) -> EquilibriumSet:
+    def solutions(
+        self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None
+    ) -> EquilibriumSet:
         """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
         equilibria = [
             Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
@@ -200,7 +219,7 @@ class _Problem:
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
-        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason)
+        return EquilibriumSet(tuple(sorted(equilibria, key=_order)), reason, certificate)
 
 
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
@@ -235,3 +254,9 @@ def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
         if distance == 0.0 and isinstance(leg.actuator, Revolute):
             return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
     return ""
+
+
+def _order(equilibrium: Equilibrium) -> tuple[float, ...]:
+    """Return what solutions are sorted by: energy, and for mirror images, equal up to rounding, the pose."""
+    units = equilibrium.mechanism.units
+    return (float(f"{equilibrium.energy / units.energy:.9e}"), *np.round(equilibrium.pose / units.pose, 9))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.solving.certification import Certificate
 from pcm_gym.solving.equilibrium import Equilibrium
 
 
@@ -20,10 +21,13 @@ class EquilibriumSet(Sequence[Equilibrium]):
     equilibria : tuple of Equilibrium
     reason : str
         Why the set is empty; empty itself where there are solutions.
+    certificate : Certificate or None
+        What is proved of the set's completeness, in all modes; None if that was not asked for.
     """
 
     equilibria: tuple[Equilibrium, ...]
     reason: str = ""
+    certificate: Certificate | None = None
 
     @property
     def stable(self) -> tuple[Equilibrium, ...]:

@@ -1,0 +1,267 @@
+"""Proof that the equilibria of a mechanism with two legs, at given inputs, are all there are."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels.certification import (
+    Undecided,
+    find_open_pairs,
+    make_undecided,
+    prove_all,
+    resolve,
+    set_state,
+)
+from pcm_gym.kernels.krawczyk import CARTESIAN, Proved, make_proved
+from pcm_gym.kernels.rod_cells import UnitCells, make_frames, make_unit_cells
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.solving.equilibrium import Equilibrium
+
+Array = NDArray[np.float64]
+
+# Halvings of the rod's table of cells, and loads rho_max beyond which there is one more of them.
+_LEVELS, _LARGE_LOADS = 7, (10.0, 16.0)
+_MOST_PROVED, _MOST_OPEN, _MOST_UNDECIDED = 4096, 1 << 18, 1 << 14
+_MOST_EXAMINED = 1_000_000
+# Undecided cells nearer than this, in rho and b, are one region.
+_SAME_REGION = 1e-5
+_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class UndecidedRegion:
+    """A part of the loads of the two rods in which the number of equilibria is not proved.
+
+    Attributes
+    ----------
+    reason : str
+        "fold": equilibria meet here, or all but meet; "rho_max": an equilibrium is at the border of the range of loads,
+        inside or outside; "limit": the search was broken off.
+    rho : array (2, 2)
+        Lower and upper bound of each rod's dimensionless load.
+    tip_angle : array (2, 2)
+        Lower and upper bound of each rod's angle b from the tip force to the tangent at the tip, rad.
+    """
+
+    reason: str
+    rho: Array
+    tip_angle: Array
+
+    def contains(self, equilibrium: Equilibrium) -> bool:
+        """Return whether an equilibrium lies in the region, or as near to it as its rounding errors may be."""
+        return self._contains_loads(_polar_loads(equilibrium.state[np.newaxis])[0])
+
+    def _contains_loads(self, loads: Array) -> bool:
+        for loads_of_one, bounds in ((loads[0::2], self.rho), (loads[1::2], self.tip_angle)):
+            if np.any(loads_of_one < bounds[:, 0] - _SAME_REGION) or np.any(loads_of_one > bounds[:, 1] + _SAME_REGION):
+                return False
+        return True
+
+    def __repr__(self) -> str:
+        """Return the reason and the bounds."""
+        bounds = [
+            f"rho in [{rho[0]:.9g}, {rho[1]:.9g}], b in [{b[0]:.9g}, {b[1]:.9g}]"
+            for rho, b in zip(self.rho, self.tip_angle, strict=True)
+        ]
+        return f"{self.reason}: {'; '.join(bounds)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What is proved of the number of equilibria with every rod's rho <= rho_max.
+
+    If nothing is undecided, the mechanism has exactly `proved_count` equilibria in the range, each in a box of its own
+    that holds no other, and the set to which this belongs is they (before a choice of modes). Otherwise that is proved
+    of everything outside the undecided regions.
+
+    The proof is a computation with enclosures: every part of the plane of loads of either rod is covered by cells, and
+    each pair of cells is excluded by rigorous bounds of the closed form of the rods, or lies in a box in which the test
+    of Krawczyk proves one equilibrium. All rounding errors are bounded, those of the mechanism's data included, and no
+    directed rounding is needed. It rests on assumptions about the computer: double precision by IEEE 754, rounding to
+    nearest, and a C library whose sine and cosine are accurate to 4 units in the last place. It is no formal
+    verification: the program itself is tested, not proved.
+
+    Attributes
+    ----------
+    rho_max : float
+        Largest dimensionless load.
+    proved_count : int
+        Equilibria that are proved, one by one, to exist and to be alone in their boxes.
+    undecided : tuple of UndecidedRegion
+        Where nothing is proved.
+    examined : int
+        Pairs of cells, one of each rod, that were looked at one by one.
+    """
+
+    rho_max: float
+    proved_count: int
+    undecided: tuple[UndecidedRegion, ...]
+    examined: int
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether the set is proved to be complete."""
+        return not self.undecided
+
+    @property
+    def status(self) -> str:
+        """Return "proved" or "undecided"."""
+        return "proved" if self.is_proved else "undecided"
+
+    def __repr__(self) -> str:
+        """Return the status, and a line per undecided region."""
+        count, regions = self.proved_count, len(self.undecided)
+        if self.is_proved:
+            return f"Certificate: proved, exactly {count} equilibria with rho <= {self.rho_max:g}"
+        heading = (
+            f"Certificate: undecided, {count} equilibria proved, {regions} regions with rho <= {self.rho_max:g} open"
+        )
+        return "\n".join([heading, *(f"  {region!r}" for region in self.undecided)])
+
+
+def certify_forward(
+    mechanism: Mechanism, inputs: Array, load: Array, rho_max: float, states: Array
+) -> tuple[Array, Certificate]:
+    """Prove a set of equilibria complete.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With two legs.
+    inputs, load : array (2,)
+        In the kernels' units.
+    rho_max : float
+    states : array (m, 6)
+        The equilibria that are known.
+
+    Returns
+    -------
+    states : array (n, 6)
+        All that are proved, those that were not known included, and those known ones that lie in undecided regions.
+        What is proved not to be an equilibrium of the range, and all but one of what is proved to be the same, is left
+        out.
+    certificate : Certificate
+    """
+    legs = mechanism.leg_table
+    frames = make_frames(legs, inputs, load)
+    proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
+    prove_all(frames, _polar_loads(states), proved)
+    cells = _unit_cells(_LEVELS + sum(rho_max > load for load in _LARGE_LOADS), rho_max)
+    pairs = np.empty((_MOST_OPEN, 2), dtype=np.int64)
+    count = find_open_pairs(cells, frames, proved, pairs)
+    if count <= _MOST_OPEN:
+        is_finished = resolve(cells, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
+        regions = _undecided_regions(undecided, is_finished)
+    else:
+        regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
+    boxes = _Boxes.of(proved)
+    is_inside, is_outside = boxes.in_range(rho_max)
+    is_border = ~(is_inside | is_outside)
+    for center, error in zip(boxes.polar[is_border], boxes.polar_error[is_border], strict=True):
+        regions.append(_region("rho_max", center - error, center + error))
+    kept, owners = [], set[int]()
+    for state, loads in zip(states, _polar_loads(states), strict=True):
+        owner = boxes.owner(loads)
+        if owner is None:
+            is_kept = any(region._contains_loads(loads) for region in regions)
+        else:
+            is_kept = owner not in owners and not is_outside[owner]
+            owners.add(owner)
+        if is_kept:
+            kept.append(state)
+    for new in set(np.flatnonzero(is_inside)) - owners:
+        state = np.empty(mechanism.state_size)
+        set_state(legs, inputs, load, boxes.polar[new], state)
+        kept.append(state)
+    found = np.array(kept).reshape(-1, mechanism.state_size)
+    certificate = Certificate(rho_max, int(is_inside.sum()), tuple(regions), int(undecided.examined[0]))
+    return found, certificate
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """The proved boxes, in their own charts, and the equilibria in them, in the polar one."""
+
+    center: Array  # (m, 4)
+    radius: Array  # (m, 4)
+    is_cartesian: NDArray[np.bool_]  # (m, 4)
+    polar: Array  # (m, 4)
+    polar_error: Array  # (m, 4)
+
+    @classmethod
+    def of(cls, proved: Proved) -> "_Boxes":
+        count = proved.total[0]
+        center, error = proved.center[:count], proved.error[:count]
+        is_cartesian = np.repeat(proved.charts[:count] == CARTESIAN, 2, axis=1)
+        size, reach = np.hypot(center[:, 0::2], center[:, 1::2]), np.hypot(error[:, 0::2], error[:, 1::2])
+        rho = np.sqrt(size)
+        own_polar, own_error = np.empty_like(center), np.empty_like(error)
+        own_polar[:, 0::2], own_polar[:, 1::2] = rho, np.arctan2(-center[:, 1::2], center[:, 0::2])
+        own_error[:, 0::2] = np.maximum(np.sqrt(size + reach) - rho, rho - np.sqrt(np.maximum(size - reach, 0.0)))
+        own_error[:, 1::2] = math.pi
+        return cls(
+            center,
+            proved.radius[:count],
+            is_cartesian,
+            np.where(is_cartesian, own_polar, center),
+            np.where(is_cartesian, own_error, error),
+        )
+
+    def in_range(self, rho_max: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which equilibria have both rho surely up to rho_max, and which have one surely beyond it."""
+        rho, reach = self.polar[:, 0::2], self.polar_error[:, 0::2] + _ROUNDING * rho_max
+        return np.all(rho + reach <= rho_max, axis=1), np.any(rho - reach > rho_max, axis=1)
+
+    def owner(self, loads: Array) -> int | None:
+        """Return the box in which these polar loads (4,) lie, if any."""
+        if not len(self.center):
+            return None
+        cartesian = np.empty(4)
+        cartesian[0::2] = loads[0::2] ** 2 * np.cos(loads[1::2])
+        cartesian[1::2] = -(loads[0::2] ** 2) * np.sin(loads[1::2])
+        gap = np.abs(np.where(self.is_cartesian, cartesian, loads) - self.center)
+        is_angle = ~self.is_cartesian & (np.arange(4) % 2 == 1)
+        gap = np.where(is_angle, np.minimum(gap, np.abs(gap - 2.0 * math.pi)), gap)
+        distance = np.max(gap / self.radius, axis=1)
+        nearest = int(np.argmin(distance))
+        return nearest if distance[nearest] <= 1.0 else None
+
+
+@lru_cache(maxsize=2)
+def _unit_cells(levels: int, rho_max: float) -> UnitCells:
+    return make_unit_cells(levels, rho_max)
+
+
+def _polar_loads(states: Array) -> Array:
+    """Return rho and b of both rods, (m, 4)."""
+    x, y = states[:, 0:4:2], states[:, 1:4:2]
+    loads = np.empty((len(states), 4))
+    loads[:, 0::2], loads[:, 1::2] = np.sqrt(np.hypot(x, y)), np.arctan2(-y, x)
+    return loads
+
+
+def _undecided_regions(undecided: Undecided, is_finished: bool) -> list[UndecidedRegion]:
+    """Return the regions made of undecided cells that touch; the last cell is what was left when a limit was met."""
+    cells = undecided.cells[: undecided.total[0]]
+    centers, widths = cells[:, :, 0::2].reshape(-1, 4), cells[:, :, 1::2].reshape(-1, 4)
+    hulls: list[tuple[Array, Array]] = []
+    folds = len(cells) if is_finished else len(cells) - 1
+    for low, high in zip(centers[:folds] - widths[:folds], centers[:folds] + widths[:folds], strict=True):
+        apart = []
+        for other_low, other_high in hulls:
+            if np.all(low <= other_high + _SAME_REGION) and np.all(other_low <= high + _SAME_REGION):
+                low, high = np.minimum(low, other_low), np.maximum(high, other_high)
+            else:
+                apart.append((other_low, other_high))
+        hulls = [*apart, (low, high)]
+    regions = [_region("fold", low, high) for low, high in hulls]
+    if not is_finished:
+        regions.append(_region("limit", centers[-1] - widths[-1], centers[-1] + widths[-1]))
+    return regions
+
+
+def _region(reason: str, low: Array, high: Array) -> UndecidedRegion:
+    return UndecidedRegion(reason, np.stack([low[0::2], high[0::2]], axis=1), np.stack([low[1::2], high[1::2]], axis=1))

@@ -1,0 +1,204 @@
+"""Proofs of completeness: against the solver's own sets, searches by others, and problems whose answer is known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pcm_gym.mechanism import get_mechanism
+from pcm_gym.solving import BranchTracker, EquilibriumSet, Event, certification, solve_forward, solve_inverse
+from pcm_gym.solving.certification import Certificate, certify_forward
+from tests.reference.mechanisms import find_equilibria
+from tests.solving.test_enumeration import Problem, largest_rho, two_motors, unmatched
+
+RHO_MAX = 9.0
+SEEDS = range(12)
+FOUR_WIDE = two_motors(0.7)
+
+
+def certified(case: Problem, rho_max: float = RHO_MAX) -> EquilibriumSet:
+    return solve_forward(case.mechanism, case.inputs, case.load, rho_max, certify=True)
+
+
+def certificate(found: EquilibriumSet) -> Certificate:
+    assert found.certificate is not None
+    return found.certificate
+
+
+def certified_from(case: Problem, states: np.ndarray, rho_max: float = RHO_MAX) -> tuple[np.ndarray, Certificate]:
+    """Prove what is complete when only these states are known."""
+    units = case.mechanism.units
+    return certify_forward(case.mechanism, case.inputs / units.inputs, case.load / units.load, rho_max, states)
+
+
+def states_of(found: EquilibriumSet) -> np.ndarray:
+    return np.array([e.state for e in found]).reshape(-1, 6)
+
+
+def are_same(some: np.ndarray, others: np.ndarray) -> bool:
+    return len(some) == len(others) and all(np.abs(others - state).max(axis=1).min() < 1e-7 for state in some)
+
+
+class TestRandomProblems:
+    """Motors and sliders at all angles, unequal rods, with and without loads."""
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_sets_are_proved_and_are_those_of_the_solver(self, seed: int) -> None:
+        case = Problem(seed)
+        found, plain = certified(case), case.forward()
+        assert certificate(found).is_proved, certificate(found)
+        assert certificate(found).proved_count == len(found) == len(plain)
+        assert unmatched(found, plain) == []
+        assert [e.energy for e in found] == sorted(e.energy for e in found)
+
+    @pytest.mark.parametrize("rho_max", [0.3, 2.0, 5.0, 11.0])
+    def test_in_other_ranges_of_loads(self, rho_max: float) -> None:
+        for seed in range(2):
+            case = Problem(seed)
+            found = certified(case, rho_max)
+            assert certificate(found).is_proved
+            assert certificate(found).proved_count == len(found)
+            assert unmatched(case.forward(rho_max), found) == []
+
+    def test_sets_hold_what_a_search_from_random_starts_finds(self) -> None:
+        for seed in SEEDS[:6]:
+            case = Problem(seed)
+            found = certified(case)
+            searched = find_equilibria(case.mechanism, case.inputs, case.load, case.rng, rho_max=RHO_MAX)
+            assert unmatched(searched, found) == []
+
+    def test_equilibria_that_were_missed_are_found(self) -> None:
+        for seed in SEEDS[:3]:
+            states = states_of(case_set := certified(Problem(seed)))
+            for known in (states[:0], states[1:], states[::2]):
+                found, proof = certified_from(Problem(seed), known)
+                assert proof.is_proved
+                assert proof.proved_count == len(case_set)
+                assert are_same(found, states)
+
+    def test_what_is_no_equilibrium_or_one_twice_is_left_out(self) -> None:
+        for seed in SEEDS[:3]:
+            states = states_of(certified(Problem(seed)))
+            false = states[:2] * 1.05
+            found, proof = certified_from(Problem(seed), np.concatenate([states, false, states[:3] * (1.0 + 1e-13)]))
+            assert proof.is_proved
+            assert are_same(found, states)
+
+    def test_equilibria_beyond_the_range_are_not_counted(self) -> None:
+        for seed in SEEDS[:3]:
+            found = certified(Problem(seed))
+            inside, proof = certified_from(Problem(seed), states_of(found), rho_max=6.0)
+            assert proof.is_proved
+            assert proof.proved_count == len(inside) == sum(largest_rho(e) <= 6.0 for e in found)
+
+
+class TestKnownProblems:
+    def test_outside_counts(self) -> None:
+        found = solve_forward(FOUR_WIDE, np.radians([45.0, 135.0]), rho_max=9.5, certify=True)
+        assert certificate(found).proved_count == len(found) == 15
+        found = solve_forward(two_motors(0.4), np.radians([120.0, 60.0]), rho_max=math.sqrt(51.0), certify=True)
+        assert certificate(found).proved_count == len(found) == 7
+        assert certificate(found).is_proved
+
+    @pytest.mark.parametrize("away", [0.0, 1e-12, 1e-6, 1e-3, -1e-2])
+    @pytest.mark.parametrize("force", [0.0, 3.0])
+    def test_straight_rods(self, away: float, force: float) -> None:
+        """Both rods unloaded, or in pure tension, and near that: exact solutions at the chart's borders."""
+        angle = math.acos(0.35) + away
+        found = solve_forward(FOUR_WIDE, [angle, math.pi - angle], (0.0, force), certify=True)
+        assert certificate(found).is_proved, certificate(found)
+        straight = [e for e in found if math.hypot(*(e.pose - [0.0, math.sin(math.acos(0.35))])) < 0.05]
+        assert len(straight) >= 1
+        assert away != 0.0 or any(abs(e.state[1]) < 1e-9 and abs(e.state[3]) < 1e-9 for e in straight)
+
+    def test_clamps_too_far_apart_have_proved_none(self) -> None:
+        found = solve_forward(two_motors(2.1), [0.0, math.pi], certify=True)
+        assert len(found) == certificate(found).proved_count == 0
+        assert certificate(found).is_proved
+        assert found.reason != ""
+
+    def test_an_equilibrium_at_the_border_of_the_range_is_undecided(self) -> None:
+        inputs = np.radians([60.0, 120.0])
+        whole = solve_forward(FOUR_WIDE, inputs, certify=True)
+        outermost = max(whole, key=largest_rho)
+        rho_max = largest_rho(outermost)
+        twins = [e for e in whole if abs(largest_rho(e) - rho_max) < 1e-9]
+        proof = certificate(solve_forward(FOUR_WIDE, inputs, rho_max=rho_max, certify=True))
+        assert {region.reason for region in proof.undecided} == {"rho_max"}
+        assert len(proof.undecided) == len(twins)
+        assert proof.proved_count == len(whole) - len(twins)
+        assert any(region.contains(outermost) for region in proof.undecided)
+        for factor, count in ((1.0 + 1e-7, len(whole)), (1.0 - 1e-7, len(whole) - len(twins))):
+            found = solve_forward(FOUR_WIDE, inputs, rho_max=factor * rho_max, certify=True)
+            assert certificate(found).is_proved
+            assert len(found) == count
+
+    def test_a_continuum_is_never_proved(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Opposite motors as far apart as both rods are long: straight, in any tension."""
+        monkeypatch.setattr(certification, "_MOST_EXAMINED", 5000)
+        proof = certificate(solve_forward(two_motors(2.0), [0.0, math.pi], certify=True))
+        assert not proof.is_proved
+        assert "limit" in {region.reason for region in proof.undecided}
+        assert "limit" in repr(proof)
+
+
+class TestFolds:
+    """At folds that continuation finds, two equilibria are one."""
+
+    START = np.radians([60.0, 120.0])
+    DIRECTIONS = (np.array([1.0, -1.0]), np.array([1.0, 1.0]))
+
+    @staticmethod
+    def fold(start: int, direction: np.ndarray) -> np.ndarray:
+        equilibrium = solve_forward(FOUR_WIDE, TestFolds.START)[start]
+        step = BranchTracker(FOUR_WIDE, equilibrium).step(TestFolds.START + 3.0 * direction)
+        assert step.event == Event.FOLD
+        return np.array(step.equilibrium.inputs)
+
+    @pytest.mark.parametrize(("start", "direction"), [(1, DIRECTIONS[0]), (4, DIRECTIONS[1])])
+    def test_undecided_at_the_fold_and_proved_elsewhere(self, start: int, direction: np.ndarray) -> None:
+        inputs = self.fold(start, direction)
+        found = solve_forward(FOUR_WIDE, inputs, certify=True)
+        proof = certificate(found)
+        assert proof.status == "undecided"
+        assert {region.reason for region in proof.undecided} == {"fold"}
+        for region in proof.undecided:
+            assert np.all(np.diff(region.rho) < 1e-3)
+            assert np.all(np.diff(region.tip_angle) < 1e-3)
+        open_ones = [e for e in found if any(region.contains(e) for region in proof.undecided)]
+        assert len(open_ones) == len(found) - proof.proved_count
+        assert all(e.singularity_margin < 1e-2 for e in open_ones)
+        assert len(open_ones) >= 1
+
+    @pytest.mark.parametrize(("start", "direction"), [(1, DIRECTIONS[0]), (4, DIRECTIONS[1])])
+    @pytest.mark.parametrize("away", [1e-6, 1e-3])
+    def test_proved_on_either_side(self, start: int, direction: np.ndarray, away: float) -> None:
+        inputs = self.fold(start, direction)
+        before = solve_forward(FOUR_WIDE, inputs - away * direction, certify=True)
+        after = solve_forward(FOUR_WIDE, inputs + away * direction, certify=True)
+        assert certificate(before).is_proved
+        assert certificate(after).is_proved
+        assert len(before) == len(after) + 2
+
+
+class TestInterface:
+    def test_no_certificate_unless_asked_for(self) -> None:
+        assert solve_forward(FOUR_WIDE, [1.0, 2.0]).certificate is None
+
+    def test_certificates_are_about_all_modes(self) -> None:
+        whole = solve_forward(FOUR_WIDE, [1.0, 2.0], certify=True)
+        some = solve_forward(FOUR_WIDE, [1.0, 2.0], modes=[1, 1], certify=True)
+        assert certificate(some).proved_count == certificate(whole).proved_count == len(whole) > len(some) > 0
+
+    def test_certificates_say_what_they_say(self) -> None:
+        found = solve_forward(FOUR_WIDE, [1.0, 2.0], certify=True)
+        assert repr(certificate(found)) == f"Certificate: proved, exactly {len(found)} equilibria with rho <= 9"
+
+    def test_only_forward_problems_of_two_legs(self) -> None:
+        platform = get_mechanism("3PFR")
+        with pytest.raises(ValueError, match="certify is available for the forward problem of two legs, got 3 legs"):
+            solve_forward(platform, platform.home_inputs, certify=True)
+        with pytest.raises(
+            ValueError, match="certify is available for the forward problem of two legs, got an inverse"
+        ):
+            solve_inverse(FOUR_WIDE, (0.0, 0.8), certify=True)
