@@ -33,11 +33,13 @@ def make(rho_max: float = 9.0, samples: int = 150, pixels: int = 400) -> Plate:
     draw_feasible(plane)
     _draw_samples(plane, rectangle)
     _draw_disc(disc, rho_max, samples)
-    colours, rows = ListedColormap(["white", style.UNSTABLE_FILL, style.STABLE]), []
+    colours, rows = ListedColormap(["none", style.UNSTABLE_FILL, style.STABLE]), []
     for mode, letter, axes in zip(_MODES, "def", tips, strict=True):
         reached = _reached(mode, rho_max, samples, pixels)
         window = (-_REACH, _REACH, -_REACH, _REACH)
-        axes.imshow(reached, cmap=colours, vmin=0, vmax=2, origin="lower", extent=window, zorder=0.6, alpha=0.9)
+        axes.imshow(
+            reached, cmap=colours, vmin=0, vmax=2, origin="lower", extent=window, zorder=0.6, interpolation="nearest"
+        )
         axes.arrow(0.0, 0.0, 0.2, 0.0, width=0.012, head_width=0.06, color=style.INK, length_includes_head=True)
         axes.set(aspect="equal", xlabel="x / L", ylabel="y / L", title=f"({letter}) tips reached in mode {mode}")
         axes.label_outer()
