@@ -2,7 +2,15 @@
 
 from collections.abc import Callable
 
-from docs.figures import energy_landscape, inverse_problem, rod_modes, rod_parameters, solution_sets
+from docs.figures import (
+    energy_landscape,
+    inverse_problem,
+    rod_modes,
+    rod_parameters,
+    singular_poses,
+    solution_sets,
+    workspaces,
+)
 from docs.figures.plate import Plate
 
 FIGURES: dict[int, Callable[[], Plate]] = {
@@ -14,4 +22,6 @@ FIGURES: dict[int, Callable[[], Plate]] = {
     11: inverse_problem.make_balance,
     12: inverse_problem.make_solutions,
     13: energy_landscape.make,
+    14: workspaces.make,
+    15: singular_poses.make,
 }

@@ -39,17 +39,19 @@ def draw_actuators(axes: Axes, mechanism: Mechanism) -> None:
             axes.plot(*np.transpose(ends), color=style.METAL_LIGHT, linewidth=2.5, zorder=1.5)
 
 
-def draw_rods(axes: Axes, equilibrium: Equilibrium, width: float = 1.8, opacity: float = 1.0) -> None:
-    """Draw the rods alone: blue and solid where stable, red and dashed where not."""
-    colour, dashes = look(equilibrium.is_stable)
+def draw_rods(
+    axes: Axes, equilibrium: Equilibrium, width: float = 1.8, opacity: float = 1.0, colour: str | None = None
+) -> None:
+    """Draw the rods alone: blue and solid where stable, red and dashed where not, or solid in a colour."""
+    colour, dashes = look(equilibrium.is_stable) if colour is None else (colour, "-")
     for rod in equilibrium.shape(_POINTS):
         axes.plot(*rod.T, color=colour, linestyle=dashes, linewidth=width, alpha=opacity, zorder=3)
 
 
-def draw_equilibrium(axes: Axes, equilibrium: Equilibrium) -> None:
-    """Draw actuators, rods, clamps and hinges."""
+def draw_equilibrium(axes: Axes, equilibrium: Equilibrium, colour: str | None = None) -> None:
+    """Draw actuators, rods, clamps and hinges; see `draw_rods` for the colour."""
     draw_actuators(axes, equilibrium.mechanism)
-    draw_rods(axes, equilibrium)
+    draw_rods(axes, equilibrium, colour=colour)
     lines = equilibrium_polylines(equilibrium, 2)
     for base, angle in zip(lines.clamps, lines.clamp_angles, strict=True):
         _draw_clamp(axes, base, float(angle), equilibrium.mechanism.units.length)

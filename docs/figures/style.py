@@ -30,8 +30,8 @@ UNSTABLE = _hex(_STYLE.alarm)
 UNSTABLE_FILL = _hex(_STYLE.mix(_STYLE.alarm, 0.3))
 ACCENT = _hex(_STYLE.goal)
 LEGS = (_hex(_STYLE.moment_positive[0]), _hex((112, 76, 160)))
-# Buckling modes 1, 2, 3, 4 as fills, from the plainest to the richest shape.
-MODES = ("#e3ecf6", "#b9cfe6", "#8aaed3", "#5c8cbe")
+# Buckling modes 1, 2, 3, ... as fills, from the plainest to the richest shape; any other count as well.
+MODES = ("#e3ecf6", "#b9cfe6", "#8aaed3", "#5c8cbe", "#356a9e")
 
 # Energies, from low to high.
 ENERGY = mpl.colors.LinearSegmentedColormap.from_list("energy", ["#4f7fb5", "#dfe9f3", "#fbf3e6", "#eec27f"])

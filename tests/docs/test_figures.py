@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 
 pytest.importorskip("matplotlib")
 
-from docs.figures import energy_landscape, inverse_problem, rod_modes, rod_parameters, solution_sets, style
+from docs.figures import (
+    energy_landscape,
+    inverse_problem,
+    rod_modes,
+    rod_parameters,
+    singular_poses,
+    solution_sets,
+    style,
+    workspaces,
+)
 from docs.figures.catalogue import FIGURES
 from docs.figures.held_rod import HeldRod
 from docs.figures.page import PAGE, image_name, with_tables
@@ -28,6 +37,8 @@ SMALL: dict[int, Callable[[], Plate]] = {
     11: lambda: inverse_problem.make_balance(samples=40),
     12: inverse_problem.make_solutions,
     13: lambda: energy_landscape.make(samples=5, inputs=1),
+    14: lambda: workspaces.make(pitch=0.1, input_cells=16),
+    15: lambda: singular_poses.make(forward_grid=2, inverse_grid=3, rho_max=6.0),
 }
 
 
