@@ -15,12 +15,14 @@ MAKEFLAGS   += --no-builtin-rules --no-print-directory
 RUN_EXTRAS   := agents,render
 TEST_EXTRAS  := agents,render,test
 BENCH_EXTRAS := agents,render,bench
-ALL_EXTRAS   := agents,render,test,bench
+DOCS_EXTRAS  := docs
+ALL_EXTRAS   := agents,render,test,bench,docs
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run
 TEST_STAMP   := $(VENV)/.installed-test
 BENCH_STAMP  := $(VENV)/.installed-bench
+DOCS_STAMP   := $(VENV)/.installed-docs
 
 # Of pip's output, one line for each package.
 PROGRESS := sed -unE -e 's/^Collecting ([A-Za-z0-9._-]+).*/  \1/p' -e 's/^Processing .*\/([^-]+)-.*/  \1/p' \
@@ -58,6 +60,10 @@ bench: $(BENCH_STAMP) ## Measure the speed of environments and solvers, beside o
 	$(IN_VENV) benchmarks environments
 	$(IN_VENV) benchmarks kinematics
 
+.PHONY: figures
+figures: $(DOCS_STAMP) ## Draw the paper's figures and write their numbers: docs/paper_figures.md
+	$(IN_VENV) docs.figures
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -76,6 +82,9 @@ $(TEST_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 
 $(BENCH_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 	$(call install,$(BENCH_EXTRAS),$@ $(RUN_STAMP))
+
+$(DOCS_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
+	$(call install,$(DOCS_EXTRAS),$@)
 
 define CONSTRAINTS_HEADER
 # Exact versions of everything that `make` installs, all extras, Python 3.11 on Linux.
