@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.cells import grid_load
 from pcm_gym.kernels.closure import ATTACH_X, ATTACH_Y, LENGTH, STIFFNESS, make_workspace, set_inputs
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.found import POLISH_RULES, Found, keep, look_across_fold
+from pcm_gym.kernels.found import POLISH_RULES, Found, forward_kind, keep, look_across_fold
 from pcm_gym.kernels.newton import CONVERGED, solve_forward_locally
 from pcm_gym.kernels.sheets import (
     ERROR_RADIUS,
@@ -353,7 +353,7 @@ def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, start
     for n in range(starts.shape[0]):
         x = starts[n]
         if solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED:
-            count = keep(legs, x, inputs, rho_max, work, found, count)
+            count = keep(legs, x, inputs, rho_max, forward_kind(legs, x, inputs, work), found, count)
     for n in range(count):
         count = look_across_fold(legs, inputs, load, rho_max, n, work, found, count)
     return count

@@ -16,10 +16,12 @@ Integers = NDArray[np.int64]
 
 # Near a fold Newton's method halves the error at best, and the correction never falls below the noise.
 POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40, residual=2e-15)
-# States nearer than the first are one; states nearer than the second are one if they have the same index.
+# States nearer than the first are one; states nearer than the second are one if they are of the same kind.
 _SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
-# A fold up to this far away, in the measure of `correction_size`, may have a partner beyond it; the step that tells.
-_FARTHEST_FOLD, _PROBE = 0.2, 1e-4
+# A fold up to this far away, in the measure of `correction_size`, may have a partner beyond it; the step that tells;
+# and where the partner is sought, in distances from the fold.
+FARTHEST_FOLD, FOLD_PROBE = 0.2, 1e-4
+FOLD_FACTORS = (2.0, 1.4, 3.0)
 
 
 class Found(NamedTuple):
@@ -27,14 +29,14 @@ class Found(NamedTuple):
 
     x: Array  # (m, size)
     inputs: Array  # (m, legs)
-    indices: Integers  # (m,): Morse indices
+    kinds: Integers  # (m,): what differs on the two sides of a fold
 
 
 @kernel
-def keep(legs: Array, x: Array, inputs: Array, rho_max: float, work: Workspace, found: Found, count: int) -> int:
+def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found: Found, count: int) -> int:
     """Add an equilibrium to those found if its loads are in range, there is room, and it is new; return their number.
 
-    The platform's angle is brought into (-pi, pi]. Equilibria of different index are two however near they are: they
+    The platform's angle is brought into (-pi, pi]. Equilibria of different kind are two however near they are: they
     meet at a fold.
     """
     for leg in range(legs.shape[0]):
@@ -42,23 +44,28 @@ def keep(legs: Array, x: Array, inputs: Array, rho_max: float, work: Workspace, 
             return count
     if count == found.x.shape[0]:
         return count
-    if x.shape[0] - 2 * legs.shape[0] == 3:
-        x[-1] = principal_angle(x[-1])
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
-    index = assess_stability(legs, x, work).morse_index
-    last = x.shape[0] - 1
+    last, is_platform = x.shape[0] - 1, x.shape[0] - 2 * legs.shape[0] == 3
+    if is_platform:
+        x[last] = principal_angle(x[last])
     for n in range(count):
         turn = 0.0  # that brings the platform's angle to this side of its seam
-        if last - 2 * legs.shape[0] == 2:
+        if is_platform:
             turn = 2.0 * math.pi * round((found.x[n, last] - x[last]) / (2.0 * math.pi))
         x[last] += turn
         gap = max(_gap(found.x[n], x), _gap(found.inputs[n], inputs))
         x[last] -= turn
-        if gap < _SAME_STATE or (gap < _SAME_BRANCH and found.indices[n] == index):
+        if gap < _SAME_STATE or (gap < _SAME_BRANCH and found.kinds[n] == kind):
             return count
-    found.x[count], found.inputs[count], found.indices[count] = x, inputs, index
+    found.x[count], found.inputs[count], found.kinds[count] = x, inputs, kind
     return count + 1
+
+
+@kernel
+def forward_kind(legs: Array, x: Array, inputs: Array, work: Workspace) -> int:
+    """Return what differs on the two sides of a fold at given inputs: the Morse index."""
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
+    return assess_stability(legs, x, work).morse_index
 
 
 @kernel
@@ -91,17 +98,17 @@ def look_across_fold(
     if not 0.0 < softness < math.inf:
         return count
     direction = work.step / softness
-    probe = x + _PROBE * direction
+    probe = x + FOLD_PROBE * direction
     if not _set_soft_step(legs, probe, work) > 0.0:
         return count
     hardness = np.dot(direction, direction) / np.dot(direction, work.step)  # 1 / softness, with its sign
-    distance = -_PROBE / (hardness * softness - 1.0)
-    if not abs(distance) < _FARTHEST_FOLD:
+    distance = -FOLD_PROBE / (hardness * softness - 1.0)
+    if not abs(distance) < FARTHEST_FOLD:
         return count
-    for factor in (2.0, 1.4, 3.0):
+    for factor in FOLD_FACTORS:
         probe = x + factor * distance * direction
         if solve_forward_locally(legs, inputs, load, probe, POLISH_RULES, work) == CONVERGED:
-            count = keep(legs, probe, inputs, rho_max, work, found, count)
+            count = keep(legs, probe, inputs, rho_max, forward_kind(legs, probe, inputs, work), found, count)
     return count
 
 
