@@ -219,7 +219,7 @@ class _Problem:
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
-        return EquilibriumSet(tuple(sorted(equilibria, key=_order)), reason, certificate)
+        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason, certificate)
 
 
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
@@ -254,9 +254,3 @@ def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
         if distance == 0.0 and isinstance(leg.actuator, Revolute):
             return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
     return ""
-
-
-def _order(equilibrium: Equilibrium) -> tuple[float, ...]:
-    """Return what solutions are sorted by: energy, and for mirror images, equal up to rounding, the pose."""
-    units = equilibrium.mechanism.units
-    return (float(f"{equilibrium.energy / units.energy:.9e}"), *np.round(equilibrium.pose / units.pose, 9))
