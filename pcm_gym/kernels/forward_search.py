@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.cells import grid_load
 from pcm_gym.kernels.closure import ATTACH_X, ATTACH_Y, LENGTH, STIFFNESS, make_workspace, set_inputs
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.found import POLISH_RULES, Found, forward_kind, keep, look_across_fold
-from pcm_gym.kernels.newton import CONVERGED, solve_forward_locally
+from pcm_gym.kernels.found import Found, forward_kind, keep, look_across_fold
+from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.sheets import (
     ERROR_RADIUS,
     ERROR_X,
@@ -54,6 +54,10 @@ _BALANCE_ROWS = 8
 _WIDTH_PART = 0.6
 # Half a pose cell's turn, at most, in rad.
 _LARGEST_HALF_TURN = 0.2
+# Starts are within a pose cell of their solution; what leads Newton's method farther away starts near it elsewhere.
+_SEARCH_RULES = NewtonRules(
+    first_correction=math.inf, contraction=1e3, iterations=20, residual=2e-15, largest_step=0.2, reach=0.1
+)
 
 
 class _PoseCells(NamedTuple):
@@ -352,7 +356,7 @@ def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, start
     count = 0
     for n in range(starts.shape[0]):
         x = starts[n]
-        if solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED:
+        if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
             count = keep(legs, x, inputs, rho_max, forward_kind(legs, x, inputs, work), found, count)
     for n in range(count):
         count = look_across_fold(legs, inputs, load, rho_max, n, work, found, count)

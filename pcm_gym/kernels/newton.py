@@ -38,6 +38,8 @@ class NewtonRules(NamedTuple):
     contraction: float  # largest allowed ratio of successive corrections
     iterations: int
     residual: float = 0.0  # a state with errors of closure and force below this is accepted, whatever its correction
+    largest_step: float = math.inf  # a longer correction is shortened to this
+    reach: float = math.inf  # farthest that the end-effector may come from where it starts
 
 
 @kernel
@@ -83,7 +85,8 @@ def solve_forward_locally(
     The rod table belongs to the state before the last correction.
     """
     set_inputs(legs, inputs, work)
-    previous = math.inf
+    previous, pose = math.inf, 2 * legs.shape[0]
+    start_x, start_y = x[pose], x[pose + 1]
     for iteration in range(rules.iterations):
         evaluate_rods(legs, x, work)
         if max(set_residual(legs, x, load, work)) < rules.residual:
@@ -95,10 +98,13 @@ def solve_forward_locally(
             return TOO_FAR
         if not size <= max(rules.contraction * previous, ROUNDING) or size == math.inf:
             return DIVERGED
+        part = min(1.0, rules.largest_step / size) if size > 0.0 else 1.0
         for j in range(x.shape[0]):
-            x[j] += work.step[j]
-        if is_last(size, previous):
+            x[j] += part * work.step[j]
+        if part == 1.0 and is_last(size, previous):
             return CONVERGED
+        if math.hypot(x[pose] - start_x, x[pose + 1] - start_y) > rules.reach:
+            return TOO_FAR
         previous = size
     return ITERATION_LIMIT
 
