@@ -26,7 +26,11 @@ from pcm_gym.kernels.sheets import (
     FORCE_X,
     FORCE_Y,
     GRADE_CELL,
+    GRADE_HIGH,
+    GRADE_LOW,
     RHO_CELL,
+    RHO_HIGH,
+    RHO_LOW,
     SIDE,
     X_HIGH,
     X_LOW,
@@ -52,11 +56,13 @@ _BALANCE_ROWS = 8
 
 # Of the room in a patch's square, this part is for the pose cell's width and the rest for its turn.
 _WIDTH_PART = 0.6
+# Starts are this far inside the block of a patch, in cells of the rod's grid: its edge may be a straight rod.
+_INSIDE = 0.3
 # Half a pose cell's turn, at most, in rad.
 _LARGEST_HALF_TURN = 0.2
 # Starts are within a pose cell of their solution; what leads Newton's method farther away starts near it elsewhere.
 _SEARCH_RULES = NewtonRules(
-    first_correction=math.inf, contraction=1e3, iterations=20, residual=2e-15, largest_step=0.2, reach=0.1
+    first_correction=math.inf, contraction=1e3, iterations=40, residual=2e-15, largest_step=0.2, reach=0.2
 )
 
 
@@ -274,8 +280,9 @@ def _set_start(
         tip_y = min(max(offer[_TIP_Y] + c * hinge_y - s * hinge_x, patches[n, Y_LOW]), patches[n, Y_HIGH])
         row = patches[n, RHO_CELL] + patches[n, RHO_CELL + 1] * tip_x + patches[n, RHO_CELL + 2] * tip_y
         column = patches[n, GRADE_CELL] + patches[n, GRADE_CELL + 1] * tip_x + patches[n, GRADE_CELL + 2] * tip_y
-        rho = sheets.rho_max * min(max(row / sheets.size, 0.0), 1.0)
-        grade = min(max(column / sheets.size, 0.0), 1.0)
+        row = min(max(row, patches[n, RHO_LOW] + _INSIDE), patches[n, RHO_HIGH] - _INSIDE)
+        column = min(max(column, patches[n, GRADE_LOW] + _INSIDE), patches[n, GRADE_HIGH] - _INSIDE)
+        rho, grade = sheets.rho_max * row / sheets.size, column / sheets.size
         start[2 * leg], start[2 * leg + 1] = grid_load(rho, grade, int(patches[n, SIDE]))
     start[2 * leg_count], start[2 * leg_count + 1] = pose[0] + move_x, pose[1] + move_y
     if leg_count == 3:

@@ -23,15 +23,16 @@ Integers = NDArray[np.int64]
 
 # Columns of a patch. The box of tips that it covers, seen from its node; affine functions of the tip from its node (its
 # value and slopes along x and y): the force, and the place on the unit rod's grid; the error of the force, a segment
-# (from -ERROR to ERROR) and the radius about it; the side of the grid.
+# (from -ERROR to ERROR) and the radius about it; the side of the grid; the block of the grid that holds the patch.
 X_LOW, X_HIGH, Y_LOW, Y_HIGH = range(4)
 FORCE_X, FORCE_Y, RHO_CELL, GRADE_CELL = 4, 7, 10, 13
 ERROR_X, ERROR_Y, ERROR_RADIUS, SIDE = range(16, 20)
-PATCH_COLUMNS = 20
+RHO_LOW, RHO_HIGH, GRADE_LOW, GRADE_HIGH = range(20, 24)
+PATCH_COLUMNS = 24
 
 # Columns of a grid node: tip, force, and its place along rho and grade. A fit explains the last four by the tip.
-_TIP_X, _TIP_Y, _EXPLAINED, _FORCE_X, _FORCE_Y = 0, 1, 2, 2, 3
-_NODE_COLUMNS = 6
+_TIP_X, _TIP_Y, _FORCE_X, _FORCE_Y, _ROW, _COLUMN = range(6)
+_EXPLAINED, _NODE_COLUMNS = 2, 6
 
 # Distance between the nodes and half the width of the squares, in rod lengths, at refinement 0.
 _SPACING, _HALF_WIDTH = 0.04, 0.06
@@ -57,7 +58,7 @@ class Sheets(NamedTuple):
     half_width: float  # of the square around a node
     extent: int  # the nodes are at spacing times -extent ... extent, both ways
     offsets: Integers  # (nodes + 1,): where the patches of each node begin
-    patches: Array  # (m, 20)
+    patches: Array  # (m, 24)
 
 
 class _Grid(NamedTuple):
@@ -239,8 +240,8 @@ def _halve(size: int, cells: Integers) -> int:
 def _fit_patch(grid: _Grid, cells: Integers, x: float, y: float, least_square: float, patch: Array) -> None:
     """Fill `patch` with the affine fit over the corners of these cells, least squares, and with its errors."""
     patch[:] = 0.0
-    patch[X_LOW] = patch[Y_LOW] = math.inf
-    patch[X_HIGH] = patch[Y_HIGH] = -math.inf
+    patch[X_LOW] = patch[Y_LOW] = patch[RHO_LOW] = patch[GRADE_LOW] = math.inf
+    patch[X_HIGH] = patch[Y_HIGH] = patch[RHO_HIGH] = patch[GRADE_HIGH] = -math.inf
     patch[SIDE] = cells[0] // (grid.size * grid.size)
     nodes, boxes = grid.nodes, grid.boxes
     sums = np.zeros((3, _NODE_COLUMNS))  # of the columns, and of x and y times them
@@ -254,6 +255,9 @@ def _fit_patch(grid: _Grid, cells: Integers, x: float, y: float, least_square: f
                 sums[2, k] += (nodes[node, _TIP_Y] - y) * value
         patch[X_LOW], patch[X_HIGH] = min(patch[X_LOW], boxes[cell, 0] - x), max(patch[X_HIGH], boxes[cell, 1] - x)
         patch[Y_LOW], patch[Y_HIGH] = min(patch[Y_LOW], boxes[cell, 2] - y), max(patch[Y_HIGH], boxes[cell, 3] - y)
+        row, column = nodes[first, _ROW], nodes[first, _COLUMN]
+        patch[RHO_LOW], patch[RHO_HIGH] = min(patch[RHO_LOW], row), max(patch[RHO_HIGH], row + 1.0)
+        patch[GRADE_LOW], patch[GRADE_HIGH] = min(patch[GRADE_LOW], column), max(patch[GRADE_HIGH], column + 1.0)
     sums /= 2.0 * cells.shape[0]
     _solve_fit(sums, least_square, patch)
     _set_errors(grid, cells, x, y, patch)
