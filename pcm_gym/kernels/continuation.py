@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 # Why tracking stopped.
 NONE, FOLD, INDEX_CHANGE, ACTUATOR_LIMIT, SOLVER_FAILURE = range(5)
 
-_STEP_RULES = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
+STEP_RULES = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
 _LEAST_NATURAL_STEP = 1.0 / 64.0
 _MOST_NATURAL_STEPS = 10_000
 _MOST_ARC_STEPS = 2_000
@@ -228,7 +228,7 @@ def _step_naturally(legs: Array, x: Array, line: Line, start: float, end: float,
 def _correct_on_branch(legs: Array, line: Line, fraction: float, index: int, work: Workspace) -> bool:
     """Correct `line.x` at this fraction; return whether it is surely on the branch with this index."""
     _go_to(legs, line, fraction, work)
-    if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
+    if solve_forward_locally(legs, line.inputs, line.load, line.x, STEP_RULES, work) != CONVERGED:
         return False
     evaluate_rods(legs, line.x, work)
     return assess_stability(legs, line.x, work).morse_index == index
@@ -246,7 +246,7 @@ def _cross(legs: Array, x: Array, line: Line, fraction: float, reach: float, wor
         for j in range(x.shape[0]):
             line.x[j] = x[j] + step * line.tangent[j]
         _go_to(legs, line, fraction + step, work)
-        if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) == CONVERGED:
+        if solve_forward_locally(legs, line.inputs, line.load, line.x, STEP_RULES, work) == CONVERGED:
             evaluate_rods(legs, line.x, work)
             if assess_stability(legs, line.x, work).morse_index != index:
                 x[:] = line.x
@@ -324,7 +324,7 @@ def _correct_on_plane(
         line.x[j] = x[j] + arc * line.tangent[j]
     trial = fraction + arc * float(line.tangent[size])
     previous = math.inf
-    for iteration in range(_STEP_RULES.iterations):
+    for iteration in range(STEP_RULES.iterations):
         _go_to(legs, line, trial, work)
         evaluate_rods(legs, line.x, work)
         set_residual(legs, line.x, line.load, work)
@@ -338,9 +338,9 @@ def _correct_on_plane(
             return False, trial
         work.step[:] = work.vector[:size]
         correction = correction_size(legs, line.x, work)
-        if iteration == 0 and correction > _STEP_RULES.first_correction:
+        if iteration == 0 and correction > STEP_RULES.first_correction:
             return False, trial
-        if not correction <= max(_STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
+        if not correction <= max(STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
             return False, trial
         line.x[:] += work.step
         trial += float(work.vector[size])
