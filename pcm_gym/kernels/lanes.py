@@ -19,7 +19,6 @@ from pcm_gym.kernels.closure import (
     BASE_X,
     BASE_Y,
     CLAMP_ANGLE,
-    CONDENSATION_LIMIT,
     LENGTH,
     STIFFNESS,
     TURN,
@@ -51,6 +50,10 @@ Array = NDArray[np.float64]
 
 # Rows of a block. Its numbers stay in the fastest cache.
 LANES = 64
+# Nearer than this to a pole of a rod's stiffness a lane is left to the scalar code. The condensed system multiplies
+# rounding errors there, so a lane is also left if the errors of its equilibrium are larger than this in the end.
+_POLE_LIMIT = 1e-11
+_RESIDUAL_LIMIT = 1e-12
 # Newton iterations before a lane is left to the scalar code, which may take more.
 _MOST_ITERATIONS = 5
 
@@ -182,7 +185,7 @@ def step_block(legs: Array, block: Block, count: int, dof: int) -> None:
     _judge(block, count, dof)
     for lane in range(count):
         is_same = common[INDEX + lane] == common[INDEX_BEFORE + lane]
-        is_sound = is_same & (common[IS_MOVING + lane] == 0.0)
+        is_sound = is_same & (common[IS_MOVING + lane] == 0.0) & (residual(common, lane) < _RESIDUAL_LIMIT)
         common[IS_SOUND + lane] = common[IS_SOUND + lane] if is_sound else 0.0
 
 
@@ -268,7 +271,7 @@ def _evaluate_leg(leg: Array, common: Array, count: int, length: float, unit_for
         leg[STIFF_XX + lane] = own[0]
         leg[STIFF_XY + lane] = own[1]
         leg[STIFF_YY + lane] = own[2]
-        is_sound = holds & (pole_distance_from(tip_g) > CONDENSATION_LIMIT)
+        is_sound = holds & (pole_distance_from(tip_g) > _POLE_LIMIT)
         common[IS_SOUND + lane] = common[IS_SOUND + lane] if is_sound else 0.0
 
 
