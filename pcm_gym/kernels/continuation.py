@@ -127,6 +127,16 @@ def _reach(legs: Array, line: Line) -> float:
 
 
 @kernel
+def _set_ends(line: Line, inputs: Array, load: Array, inputs_target: Array, load_target: Array) -> None:
+    for i in range(inputs.shape[0]):
+        line.inputs_start[i] = inputs[i]
+        line.input_rate[i] = inputs_target[i] - inputs[i]
+    for d in range(load.shape[0]):
+        line.load_start[d] = load[d]
+        line.load_rate[d] = load_target[d] - load[d]
+
+
+@kernel
 def track(
     legs: Array,
     x: Array,
@@ -143,12 +153,7 @@ def track(
     They end at the target, or at the last state before the event that stopped the way. With `follow_index_changes`
     a change of index where the branch goes on (a bifurcation of a symmetric mechanism) does not stop it.
     """
-    for i in range(inputs.shape[0]):
-        line.inputs_start[i] = inputs[i]
-        line.input_rate[i] = inputs_target[i] - inputs[i]
-    for d in range(load.shape[0]):
-        line.load_start[d] = load[d]
-        line.load_rate[d] = load_target[d] - load[d]
+    _set_ends(line, inputs, load, inputs_target, load_target)
     reach = _reach(legs, line)
     event, fraction = _follow(legs, x, line, 0.0, reach, work)
     while event == INDEX_CHANGE and follow_index_changes:
@@ -166,6 +171,21 @@ def track(
     elif reach < 1.0:
         event = ACTUATOR_LIMIT
     return judge(legs, x, load, event, fraction, work)
+
+
+@kernel
+def track_in_one_step(
+    legs: Array, x: Array, inputs: Array, load: Array, inputs_target: Array, line: Line, work: Workspace
+) -> Tracked:
+    """Go to the target in one natural step and change `x` and `inputs`; or leave them, with `SOLVER_FAILURE`."""
+    _set_ends(line, inputs, load, inputs_target, load)
+    _go_to(legs, line, 0.0, work)
+    evaluate_rods(legs, x, work)
+    index = assess_stability(legs, x, work).morse_index
+    if not (_set_natural_tangent(legs, x, line, work) and _step_naturally(legs, x, line, 0.0, 1.0, index, work)):
+        return judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
+    x[:], inputs[:] = line.x, inputs_target
+    return judge(legs, x, load, NONE, 1.0, work)
 
 
 @kernel

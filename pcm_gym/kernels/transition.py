@@ -33,6 +33,7 @@ from pcm_gym.kernels.continuation import (
     judge,
     make_line,
     track,
+    track_in_one_step,
 )
 from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
 
@@ -42,6 +43,9 @@ Rows = NDArray[np.int64]
 # Loads are shown to agents as g / (_LOAD_SCALE + |g|), stiffnesses as k / (_MARGIN_SCALE + |k|): smooth and bounded.
 _LOAD_SCALE = 10.0
 _MARGIN_SCALE = 20.0
+
+# A step of a walk that is refused is halved, down to this part of it, before it is tracked alone.
+_LEAST_PART = 0.25
 
 # Rows of the verdicts on states, one column per environment.
 MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION = range(6)
@@ -316,41 +320,47 @@ def _rod_features(
 def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Rows, least_margin: float) -> None:
     """Walk in every row towards the inputs `targets` (n, legs) in increments of at most `stride`, in place.
 
-    A walk ends at its target, after `steps` (n,) steps, or before the first one that would leave the stable branch or
-    come under `least_margin`. So whoever repeats the walk meets neither.
+    A walk ends at its target, after `steps` (n,) steps, or before the first one that, made in quarters, would leave
+    the stable branch or come under `least_margin`. So whoever repeats the walk meets neither.
     """
     all_count, size = states.x.shape
     line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
-    goal, left, rows = np.empty(legs.shape[0]), steps.copy(), np.arange(all_count)
+    goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
+    rows = np.arange(all_count)
     count = _keep_walking(states, targets, left, rows, all_count)
     while count > 0:
         for first in range(0, count, LANES):
             here = min(LANES, count - first)
             for lane in range(here):
                 row = rows[first + lane]
-                _set_goal(states.inputs[row], targets[row], stride, goal)
+                _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
                 _load_lane(states, row, goal, block, lane)
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
-                _set_goal(states.inputs[row], targets[row], stride, goal)
-                left[row] -= 1
-                if block.common[lanes.IS_SOUND + lane] == 0.0:
+                is_refused = block.common[lanes.IS_SOUND + lane] == 0.0
+                if is_refused and part[row] > _LEAST_PART:
+                    part[row] *= 0.5
+                    continue
+                made = min(part[row], left[row])
+                _set_goal(states.inputs[row], targets[row], stride, made, goal)
+                if is_refused:
                     is_kept = _wander_alone(legs, states, row, goal, least_margin, line, work)
                 else:
                     is_kept = block.common[lanes.STABILITY_MARGIN + lane] >= least_margin
                     if is_kept:
                         _store_lane(states, row, goal, block, lane)
-                left[row] = left[row] if is_kept else 0
+                left[row] = left[row] - made if is_kept else 0.0
+                part[row] = min(2.0 * part[row], 1.0)
         count = _keep_walking(states, targets, left, rows, count)
 
 
 @kernel
-def _set_goal(inputs: Array, target: Array, stride: Array, goal: Array) -> None:
-    """Set the inputs after the next step towards `target`."""
+def _set_goal(inputs: Array, target: Array, stride: Array, part: float, goal: Array) -> None:
+    """Set the inputs after the next step towards `target`, of at most a part of the stride."""
     ratio = 1.0
     for i in range(inputs.shape[0]):
-        ratio = max(ratio, abs(target[i] - inputs[i]) / stride[i])
+        ratio = max(ratio, abs(target[i] - inputs[i]) / (part * stride[i]))
     for i in range(inputs.shape[0]):
         goal[i] = inputs[i] + (target[i] - inputs[i]) / ratio
 
@@ -359,9 +369,9 @@ def _set_goal(inputs: Array, target: Array, stride: Array, goal: Array) -> None:
 def _wander_alone(
     legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Line, work: Workspace
 ) -> bool:
-    """Make one step of a walk with all that `track` can do, or leave the row as it was; return whether it was made."""
-    x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row].copy()
-    tracked = track(legs, x, inputs, load, goal, load.copy(), False, line, work)
+    """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
+    x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row]
+    tracked = track_in_one_step(legs, x, inputs, load, goal, line, work)
     if tracked.event != NONE or tracked.stability_margin < least_margin:
         return False
     states.x[row], states.inputs[row] = x, inputs
@@ -369,14 +379,14 @@ def _wander_alone(
 
 
 @kernel
-def _keep_walking(states: States, targets: Array, left: Rows, rows: Rows, count: int) -> int:
+def _keep_walking(states: States, targets: Array, left: Array, rows: Rows, count: int) -> int:
     """Move the rows that have further to walk to the front; return how many they are."""
     kept = 0
     for k in range(count):
         row, is_there = rows[k], True
         for i in range(targets.shape[1]):
             is_there = is_there and states.inputs[row, i] == targets[row, i]
-        if left[row] > 0 and not is_there:
+        if left[row] > 0.0 and not is_there:
             rows[kept] = row
             kept += 1
     return kept
