@@ -114,9 +114,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Begin the waiting environments, whose actions are ignored, and step the others."""
-        self._begin(waiting, {})
-        outcome = self._simulation.step(actions, waiting)
-        self._elapsed[~waiting] += 1
+        generators = [self._generators[row] for row in np.flatnonzero(waiting)]
+        outcome = self._simulation.step_and_reset(actions, waiting, generators)
+        self._elapsed = np.where(waiting, 0, self._elapsed + 1)
         truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
         self._ended = outcome.terminated | truncated
         return outcome.observation, outcome.reward, outcome.terminated, truncated, _with_masks(outcome.infos())

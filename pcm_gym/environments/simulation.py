@@ -1,13 +1,14 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels.threads import over_rows
+from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
     COST_ROWS,
     EVENT,
@@ -188,27 +189,32 @@ class Simulation:
             self.states.load[row] * self._units.load,
         )
 
-    def step(self, actions: Array, waiting: Mask | None = None) -> Outcome:
-        """Move rows by their actions (n, legs), cut to [-1, 1], times the largest increment.
+    def step(self, actions: Array) -> Outcome:
+        """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
+        report = self._empty_report()
+        run_all(self._step_jobs(self._rows, actions, report), self._threads)
+        self.lost = report.costs[UNSTABLE] > 0.0
+        return self._outcome(report, self.goals.copy())
 
-        Rows that are `waiting` (n,) only report where they are, without reward.
-        """
-        report, settings = self._empty_report(), self.settings
-        rows = self._rows if waiting is None else np.flatnonzero(~waiting)
+    def step_and_reset(self, actions: Array, begun: Mask, generators: Sequence[np.random.Generator]) -> Outcome:
+        """Begin new episodes in the rows `begun` (n,), each with its generator, without reward, and step the others."""
+        report, rows = self._empty_report(), np.flatnonzero(begun)
+        stepped = np.flatnonzero(~begun)
+        begin = partial(self.reset_rows, rows, generators, None)
+        run_all([begin, *self._step_jobs(stepped, actions, report)], self._threads if self.count >= LEAST_ROWS else 1)
+        self.lost[stepped] = report.costs[UNSTABLE, stepped] > 0.0
+        self._describe(rows, report)
+        outcome = self._outcome(report, self.goals.copy())
+        outcome.reward[rows] = 0.0
+        return outcome
+
+    def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
+        legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
 
         def step(first: int, last: int) -> None:
-            legs, margin = settings.mechanism.leg_table, settings.singular_margin
             step_batch(legs, self.states, rows[first:last], actions, self._stride, margin, report)
 
-        over_rows(step, len(rows), self._threads)
-        if waiting is None:
-            self.lost = report.costs[UNSTABLE] > 0.0
-            return self._outcome(report, self.goals.copy())
-        self._describe(np.flatnonzero(waiting), report)
-        self.lost = np.where(waiting, self.lost, report.costs[UNSTABLE] > 0.0)
-        outcome = self._outcome(report, self.goals.copy())
-        outcome.reward[waiting] = 0.0
-        return outcome
+        return pieces_of(step, len(rows), self._threads)
 
     def observe(self, rows: NDArray[np.intp]) -> Outcome:
         """Return what some rows come to when they stand still, as after a reset: no cost, no event."""

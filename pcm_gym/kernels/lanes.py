@@ -50,6 +50,9 @@ Array = NDArray[np.float64]
 
 # Rows of a block. Its numbers stay in the fastest cache.
 LANES = 64
+# Lanes that one vector instruction serves where vectors are longest. A block is filled up to a multiple of it with
+# copies of its last lane, unless a single lane is left over: the lanes behind the last vector are computed one by one.
+_VECTOR = 8
 # Nearer than this to a pole of a rod's stiffness a lane is left to the scalar code. The condensed system multiplies
 # rounding errors there, so a lane is also left if the errors of its equilibrium are larger than this in the end.
 _POLE_LIMIT = 1e-11
@@ -161,6 +164,28 @@ def step_block(legs: Array, block: Block, count: int, dof: int) -> None:
     Set are the loads at the tips, inputs, new inputs, pose and load. Afterwards the lanes in which `IS_SOUND` is 1 are
     at the equilibrium that a natural step of `track` over the whole way accepts; the others are to be tracked alone.
     """
+    _step_lanes(legs, block, _fill_up(block, count), dof)
+
+
+@kernel
+def _fill_up(block: Block, count: int) -> int:
+    """Copy the last lane behind itself where that saves time; return the number of lanes to be computed."""
+    common, left_over = block.common, count % _VECTOR
+    if left_over < 2:
+        return count
+    filled = count - left_over + _VECTOR
+    for lane in range(count, filled):
+        for i in range(block.legs.shape[0]):
+            leg = block.legs[i]
+            leg[G_X + lane], leg[G_Y + lane] = leg[G_X + count - 1], leg[G_Y + count - 1]
+            leg[INPUT + lane], leg[TARGET + lane] = leg[INPUT + count - 1], leg[TARGET + count - 1]
+        for d in range(0, 3 * LANES, LANES):
+            common[X + d + lane], common[LOAD_X + d + lane] = common[X + d + count - 1], common[LOAD_X + d + count - 1]
+    return filled
+
+
+@kernel
+def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
     common = block.common
     common[IS_SOUND : IS_SOUND + count] = 1.0
     _place_clamps(legs, block, count, 0.0)

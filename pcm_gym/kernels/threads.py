@@ -1,13 +1,13 @@
-"""Several threads for one kernel: each takes a piece of the rows, then the next one, until none is left.
+"""Several threads for kernels: each takes a job, then the next one, until none is left.
 
 Kernels let go of Python's global lock, so plain threads are enough. They are kept from call to call, made anew after a
 fork, and belong to no environment: what uses them can be copied and pickled.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 
 import numba
 
@@ -36,21 +36,22 @@ if hasattr(os, "register_at_fork"):  # the threads stay behind in the parent
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-def over_rows(function: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call ``function(first, last)`` for pieces that together cover the rows from 0 to `count`.
+def pieces_of(function: Callable[[int, int], None], count: int, threads: int) -> list[Callable[[], None]]:
+    """Return calls of ``function(first, last)`` that together cover the rows from 0 to `count`."""
+    piece = PIECE if threads > 1 and count >= LEAST_ROWS else count
+    return [partial(function, first, min(first + piece, count)) for first in range(0, count, piece or 1)]
 
-    The pieces are taken by `threads` threads, the caller's own among them, or all by that one where they are few.
-    """
-    if threads == 1 or count < LEAST_ROWS:
-        function(0, count)
-        return
-    pieces = iter(range(0, count, PIECE))
-    helpers = [_pool(threads - 1).submit(_work, function, count, pieces) for _ in range(threads - 1)]
-    _work(function, count, pieces)
+
+def run_all(jobs: Sequence[Callable[[], None]], threads: int) -> None:
+    """Run the jobs, each once, on `threads` threads, the caller's own among them. A job may itself call this."""
+    left = iter(jobs)
+    helpers = [_pool(threads - 1).submit(_work, left) for _ in range(min(threads, len(jobs)) - 1)]
+    _work(left)
     for helper in helpers:
-        helper.result()
+        if not helper.cancel():  # one that has not begun has nothing left to do
+            helper.result()
 
 
-def _work(function: Callable[[int, int], None], count: int, pieces: Iterator[int]) -> None:
-    for first in pieces:
-        function(first, min(first + PIECE, count))
+def _work(left: Iterator[Callable[[], None]]) -> None:
+    for job in left:
+        job()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels.goals import goals_of, score_goals
-from pcm_gym.kernels.threads import over_rows
+from pcm_gym.kernels.threads import pieces_of, run_all
 from pcm_gym.kernels.transition import States, wander
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
@@ -189,7 +189,7 @@ class ReachTask:
             rows = States(*(array[first:last] for array in states))
             wander(mechanism.leg_table, rows, targets[first:last], pace * stride, steps[first:last], least_margin)
 
-        over_rows(walk, len(steps), threads)
+        run_all(pieces_of(walk, len(steps), threads), threads)
 
 
 def default_max_action(mechanism: Mechanism) -> Array:
