@@ -351,7 +351,6 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
                     if is_kept:
                         _store_lane(states, row, goal, block, lane)
                 left[row] = left[row] - made if is_kept else 0.0
-                part[row] = min(2.0 * part[row], 1.0)
         count = _keep_walking(states, targets, left, rows, count)
 
 
