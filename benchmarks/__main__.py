@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 import pcm_gym
 from benchmarks import report
-from benchmarks.batch import BATCH_SIZES, batch_throughput, step_parts
+from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.machine import describe_machine
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
@@ -42,18 +42,20 @@ def main(
             return interleave(measures, count, lambda: progress.advance(task))
 
         single = run("single", {name: throughput(env, seconds) for name, env in environments.items()}, repeats)
-        batches = {f"{name} x {n}": batch_throughput(name, n, seconds) for name in ids for n in BATCH_SIZES}
+        batches, batch_absent = make_batches(ids, seconds)
         batch = run("batch", batches, repeats)
+        memory = run("memory", {name: memory_per_environment(name) for name in ids}, 1)
         parts = run("parts", {name: step_parts(name) for name in ids}, repeats)
         starts = run("start, warm", {f"{ids[0]}, warm": startup(ids[0])}, max(repeats, 3))
         if cold:
             starts |= run("start, cold", {f"{ids[0]}, compiling": startup(ids[0], is_cold=True)}, 1)
     report.print_single(console, single, absent, PEERS)
-    report.print_batch(console, batch)
-    report.print_parts(console, parts, single)
+    report.print_batch(console, batch, batch_absent)
+    report.print_parts(console, parts, memory)
     report.print_startup(console, starts)
     if json_path is not None:
-        _write(json_path, machine, absent, {"single": single, "batch": batch, "parts": parts, "startup": starts})
+        results = {"single": single, "batch": batch, "parts": parts, "memory": memory, "startup": starts}
+        _write(json_path, machine, absent | batch_absent, results)
         console.print(f"Figures written to {json_path}")
 
 

@@ -70,6 +70,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
         self._is_reset = False
+        self._kept: Observation = {}
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -83,6 +84,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
                 self._generators[row], _ = seeding.np_random(own_seed)
         self._begin(mask, options)
         outcome = self._simulation.observe(np.arange(self.num_envs))
+        for key, array in self._kept.items():  # what stands still looks as it did, to the last bit
+            outcome.observation[key][~mask] = array[~mask]
+        self._keep(outcome.observation)
         return outcome.observation, _with_masks(outcome.infos(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
@@ -102,6 +106,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
         self._ended = outcome.terminated | truncated
         infos = _with_masks(outcome.infos())
+        self._keep(outcome.observation)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             self._begin_at_once(outcome.observation, infos, self._ended.copy())
         return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
@@ -136,6 +141,11 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             observation[key][rows] = array
         infos["final_obs"], infos["_final_obs"] = final_observations, ended
         infos["final_info"], infos["_final_info"] = _with_masks(final_infos, ended), ended.copy()
+
+    def _keep(self, observation: Observation) -> None:
+        """Keep the observations where resets of some rows are up to the caller, for the others."""
+        if self.autoreset_mode is AutoresetMode.DISABLED:
+            self._kept = {key: array.copy() for key, array in observation.items()}
 
     def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
         rows = np.flatnonzero(mask)

@@ -190,7 +190,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
     common[IS_SOUND : IS_SOUND + count] = 1.0
     _place_clamps(legs, block, count, 0.0)
     _evaluate(legs, block, count, dof)
-    _judge(block, count, dof)
+    judge_block(block, count, dof)
     common[INDEX_BEFORE : INDEX_BEFORE + count] = common[INDEX : INDEX + count]
     _set_rates(legs, block, count)
     _solve(block, count)
@@ -207,7 +207,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
             break
     _evaluate(legs, block, count, dof)
     _set_residual(block, count)
-    _judge(block, count, dof)
+    judge_block(block, count, dof)
     for lane in range(count):
         is_same = common[INDEX + lane] == common[INDEX_BEFORE + lane]
         is_sound = is_same & (common[IS_MOVING + lane] == 0.0) & (residual(common, lane) < _RESIDUAL_LIMIT)
@@ -457,7 +457,7 @@ def _close_iteration(common: Array, count: int, largest: float) -> int:
 
 
 @kernel
-def _judge(block: Block, count: int, dof: int) -> None:
+def judge_block(block: Block, count: int, dof: int) -> None:
     """Fill Morse index, margins and error from rods, stiffness and residual."""
     common = block.common
     if dof == 3:

@@ -97,7 +97,7 @@ def step_batch(
         for lane in range(count):
             row = rows[first + lane]
             _set_target(legs, states.inputs[row], actions[row], stride, target)
-            _load_lane(states, row, target, block, lane)
+            load_lane(states, row, target, block, lane)
         step_block(legs, block, count, states.load.shape[1])
         _see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
@@ -112,11 +112,11 @@ def step_batch(
                 report.features[row, n] = seen[n, lane]
             _report(row, _verdict(block.common, lane), is_cut, singular_margin, report)
     if refused_count > 0:
-        _step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
+        step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
 
 
 @kernel
-def _step_alone(
+def step_alone(
     legs: Array,
     states: States,
     rows: Rows,
@@ -168,7 +168,7 @@ def _set_target(legs: Array, inputs: Array, action: Array, stride: Array, target
 
 
 @kernel
-def _load_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
+def load_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
     """Put the state of a row, and the inputs that it is to move to, into a lane."""
     common, leg_count, dof = block.common, block.legs.shape[0], states.load.shape[1]
     for i in range(leg_count):
@@ -334,7 +334,7 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
             for lane in range(here):
                 row = rows[first + lane]
                 _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
-                _load_lane(states, row, goal, block, lane)
+                load_lane(states, row, goal, block, lane)
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
