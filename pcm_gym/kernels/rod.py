@@ -105,8 +105,7 @@ def _rod_from_functions(
 ) -> RodPoint:
     """Return the rod at g by Jacobi's functions at (rho | m)."""
     sn, cn, dn, deficit, quarter = functions
-    per_load, per_rho = 1.0 / load, 1.0 / rho
-    cos_b, sin_b = g_x * per_load, -g_y * per_load
+    cos_b, sin_b = g_x / load, -g_y / load
     m = kappa * kappa
     half_periods = 0.5 * rho / quarter
     nd = 1.0 / dn
@@ -115,8 +114,8 @@ def _rod_from_functions(
     cos_0 = 2.0 * m * cd * cd - 1.0
     sin_0 = 2.0 * kappa * kappa_c * cd * nd
     beta_u = 2.0 * kappa * kappa_c * sd
-    along = (2.0 * deficit - rho + 2.0 * m * sn * cd) * per_rho
-    across = beta_u * per_rho
+    along = (2.0 * deficit - rho + 2.0 * m * sn * cd) / rho
+    across = beta_u / rho
     excess = m * rho - deficit  # E - (1 - m) rho
     eta = cn + sd * excess
     eta_u = -sn * dn + excess * cd * nd + m * sd * cn * cn
@@ -124,8 +123,8 @@ def _rod_from_functions(
     tip_x = along * cos_0 + across * sin_0
     tip_y = across * cos_0 - along * sin_0
     # by rho at fixed b, then by b at fixed rho; beta0 changes by beta_u and by eta
-    along_rho, across_rho = (cos_0 - along) * per_rho, (sin_0 - across) * per_rho
-    along_b, across_b = -0.5 * (beta_u * eta + rho * sin_b) * per_rho, eta_u * per_rho
+    along_rho, across_rho = (cos_0 - along) / rho, (sin_0 - across) / rho
+    along_b, across_b = -0.5 * (beta_u * eta + rho * sin_b) / rho, eta_u / rho
     tip_x_rho = along_rho * cos_0 + across_rho * sin_0 + tip_y * beta_u
     tip_y_rho = across_rho * cos_0 - along_rho * sin_0 - tip_x * beta_u
     tip_x_b = along_b * cos_0 + across_b * sin_0 + tip_y * eta
@@ -134,8 +133,8 @@ def _rod_from_functions(
     force_y_rho = -2.0 * rho * sin_0 - load * cos_0 * beta_u
     force_x_b, force_y_b = -load * sin_0 * eta, -load * cos_0 * eta
 
-    rho_gx, rho_gy = 0.5 * cos_b * per_rho, -0.5 * sin_b * per_rho
-    b_gx, b_gy = -sin_b * per_load, -cos_b * per_load
+    rho_gx, rho_gy = 0.5 * cos_b / rho, -0.5 * sin_b / rho
+    b_gx, b_gy = -sin_b / load, -cos_b / load
     return RodPoint(
         tip_x,
         tip_y,
