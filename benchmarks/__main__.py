@@ -12,7 +12,7 @@ from rich.progress import Progress
 
 import pcm_gym
 from benchmarks import report
-from benchmarks.batch import BATCH_SIZES, batch_throughput, step_parts
+from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
 from benchmarks.problems import MECHANISMS, make_problems
@@ -45,18 +45,19 @@ def environments(
     ids = pcm_gym.environment_ids()
     with Progress(console=console, transient=True) as progress:
         single = _run(progress, "single", {name: throughput(env, seconds) for name, env in made.items()}, repeats)
-        batches = {f"{name} x {n}": batch_throughput(name, n, seconds) for name in ids for n in BATCH_SIZES}
+        batches, batch_absent = make_batches(ids, seconds)
         batch = _run(progress, "batch", batches, repeats)
+        memory = _run(progress, "memory", {name: memory_per_environment(name) for name in ids}, 1)
         parts = _run(progress, "parts", {name: step_parts(name) for name in ids}, repeats)
         starts = _run(progress, "start, warm", {f"{ids[0]}, warm": startup(ids[0])}, max(repeats, 3))
         if cold:
             starts |= _run(progress, "start, cold", {f"{ids[0]}, compiling": startup(ids[0], is_cold=True)}, 1)
     report.print_single(console, single, absent, PEERS)
-    report.print_batch(console, batch)
-    report.print_parts(console, parts, single)
+    report.print_batch(console, batch, batch_absent)
+    report.print_parts(console, parts, memory)
     report.print_startup(console, starts)
-    results = {"single": single, "batch": batch, "parts": parts, "startup": starts}
-    _write(console, json_path, {"machine": machine, "absent": absent}, results)
+    results = {"single": single, "batch": batch, "parts": parts, "memory": memory, "startup": starts}
+    _write(console, json_path, {"machine": machine, "absent": absent | batch_absent}, results)
 
 
 @app.command()

@@ -1,34 +1,74 @@
-"""Steps per second of the native batch, and where the time of a step goes."""
+"""Steps per second of the native batch, where the time of a step goes, and the memory that an environment takes."""
 
 import time
+import tracemalloc
+import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 import numba
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from benchmarks.timing import Measure
-from pcm_gym.environments.simulation import Settings, Simulation
-from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.continuation import NONE, make_line, track
-from pcm_gym.kernels.transition import COST_COLUMNS, VERDICT_COLUMNS, States, step_batch
+from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.kernels.lanes import IS_SOUND, LANES, judge_block, make_block, step_block
+from pcm_gym.kernels.threads import default_thread_count
+from pcm_gym.kernels.transition import COST_ROWS, VERDICT_ROWS, Report, States, load_lane, step_alone, step_batch
 
 BATCH_SIZES = (64, 1024)
-_ROWS, _STEPS = 256, 20
+PEER = "CartPole-v1 (EnvPool)"
+_ROWS = 1024
+# After so many steps the episodes of a batch no longer end all at once.
+_STEPS_BEFORE = 400
 
 
-def batch_throughput(environment_id: str, num_envs: int, seconds: float) -> Measure:
+def make_batches(environment_ids: Sequence[str], seconds: float) -> tuple[dict[str, Measure], dict[str, str]]:
+    """Return measures of our batches, of several sizes and numbers of threads, and of a peer's; why one is absent."""
+    thread_counts = sorted({1, default_thread_count()})
+    measures, absent = {}, {}
+    for threads in thread_counts:
+        for name in environment_ids:
+            for size in BATCH_SIZES if threads == 1 else BATCH_SIZES[-1:]:
+                measures[f"{name} x {size}, threads: {threads}"] = batch_throughput(name, size, threads, seconds)
+        try:
+            name = f"{PEER} x {BATCH_SIZES[-1]}, threads: {threads}"
+            measures[name] = peer_throughput(BATCH_SIZES[-1], threads, seconds)
+        except ImportError as error:
+            absent[PEER] = str(error)
+    return measures, absent
+
+
+def batch_throughput(environment_id: str, num_envs: int, threads: int, seconds: float) -> Measure:
     """Return a measure of steps per second of a native batch, resets where episodes end, and of the time of a reset."""
-    env = gymnasium.make_vec(environment_id, num_envs=num_envs, vectorization_mode="vector_entry_point")
+    env: Any = gymnasium.make_vec(
+        environment_id, num_envs=num_envs, vectorization_mode="vector_entry_point", threads=threads
+    )
     generator = np.random.default_rng(0)
     actions = [generator.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32) for _ in range(20)]
+    return _vector_measure(env, actions, num_envs, seconds)
+
+
+def peer_throughput(num_envs: int, threads: int, seconds: float) -> Measure:
+    """Return the same measure of EnvPool's CartPole-v1; raise ImportError where EnvPool is not installed."""
+    import envpool
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about the bounds of its spaces
+        env: Any = envpool.make("CartPole-v1", env_type="gymnasium", num_envs=num_envs, num_threads=threads)
+    generator = np.random.default_rng(0)
+    actions = [generator.integers(0, 2, num_envs).astype(np.int32) for _ in range(20)]
+    return _vector_measure(env, actions, num_envs, seconds)
+
+
+def _vector_measure(env: Any, actions: Sequence[Any], num_envs: int, seconds: float) -> Measure:
     clock = time.perf_counter
-    env.reset(seed=0)
-    env.step(actions[0])
+    env.reset()
+    for n in range(_STEPS_BEFORE):
+        env.step(actions[n % len(actions)])
 
     def measure() -> dict[str, float]:
-        before = clock()
-        env.reset(seed=0)
         steps, start = 0, clock()
         now = start
         while now - start < seconds:
@@ -37,81 +77,102 @@ def batch_throughput(environment_id: str, num_envs: int, seconds: float) -> Meas
             steps += len(actions)
             now = clock()
         step_time = (now - start) / steps
-        return {
-            "steps_per_second": num_envs / step_time,
-            "reset_in_steps": (start - before) / step_time,
-        }
+        before = clock()
+        env.reset()
+        reset_time = clock() - before
+        for n in range(_STEPS_BEFORE):
+            env.step(actions[n % len(actions)])
+        return {"steps_per_second": num_envs / step_time, "reset_in_steps": reset_time / step_time}
 
     return measure
 
 
+def memory_per_environment(environment_id: str) -> Measure:
+    """Return a measure of the bytes that Python and NumPy hold for each further environment of a batch."""
+
+    def held(num_envs: int) -> int:
+        tracemalloc.start()
+        env = gymnasium.make_vec(environment_id, num_envs=num_envs, vectorization_mode="vector_entry_point")
+        env.reset(seed=0)
+        size = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+        return size
+
+    return lambda: {"bytes": (held(2 * _ROWS) - held(_ROWS)) / _ROWS}
+
+
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _track_all(legs: Any, states: Any, targets: Any) -> int:
-    """Track every row (n) to its targets (steps, n, legs); a row whose way ends waits there. Return the steps made."""
-    made, load_count = 0, states.load.shape[1]
-    line, work = make_line(legs.shape[0], states.x.shape[1]), make_workspace(legs.shape[0], states.x.shape[1])
-    load = np.zeros(load_count)
-    for row in range(states.x.shape[0]):
-        for step in range(targets.shape[0]):
-            tracked = track(
-                legs, states.x[row], states.inputs[row], states.load[row], targets[step, row], load, False, line, work
-            )
-            made += 1
-            if tracked.event != NONE:
-                break
-    return made
+def _in_blocks(legs: Any, states: Any, targets: Any, refused: Any, verdicts: int) -> None:
+    """Take every row to its target in lock-step without keeping it, or only judge it again `verdicts` times."""
+    block, dof = make_block(legs.shape[0]), states.load.shape[1]
+    for first in range(0, states.x.shape[0], LANES):
+        count = min(LANES, states.x.shape[0] - first)
+        for lane in range(count):
+            load_lane(states, first + lane, targets[first + lane], block, lane)
+        if verdicts == 0 or first == 0:
+            step_block(legs, block, count, dof)
+        for _ in range(verdicts):
+            judge_block(block, count, dof)
+        for lane in range(count):
+            refused[first + lane] = block.common[IS_SOUND + lane] == 0.0
 
 
 def step_parts(environment_id: str) -> Measure:
-    """Return a measure of the microseconds that the parts of one row's step take, each with what is below it.
+    """Return a measure of the microseconds that the parts of one row's step take, on 1024 rows and one thread.
 
-    `tracking`: the branch followed to the next inputs, its stability included; `kernel`: also limits, verdicts, costs
-    and observation; `simulation`: also reward and success; all on 256 rows, unthreaded.
+    `solve`: rods and Newton's method, in lock-step; `stability`: index and margins, before and after the step;
+    `alone`: the rows that are tracked one by one; `observation`: limits, costs and what is observed; `python`: rewards,
+    infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
     """
-    settings = Settings.from_arguments(
-        gymnasium.spec(environment_id).kwargs["mechanism"], "dense", "terminate", None, None, 0.02, 1.0
-    )
-    simulation = Simulation(settings, _ROWS)
-    for row in range(_ROWS):
-        simulation.reset_row(row, np.random.default_rng(row), None)
+    mechanism = gymnasium.spec(environment_id).kwargs["mechanism"]
+    env = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.states))
-    mechanism = settings.mechanism
-    legs, stride = mechanism.leg_table, settings.max_action / mechanism.units.inputs
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_STEPS, _ROWS, mechanism.leg_count))
-    lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
-    targets = np.clip(start.inputs + np.cumsum(actions * stride, axis=0), lower, upper)
-    observation = simulation.observe().observation["observation"]
-    verdicts, costs = np.empty((_ROWS, VERDICT_COLUMNS)), np.empty((_ROWS, COST_COLUMNS))
-    features = np.empty_like(observation)
-
-    def put_back() -> None:
-        for array, saved in zip(simulation.states, start, strict=True):
-            array[:] = saved
-
-    def tracking() -> int:
-        made: int = _track_all(legs, simulation.states, targets)
-        return made
-
-    def kernel() -> int:
-        for action in actions:
-            step_batch(legs, simulation.states, action, stride, 1.0, verdicts, costs, features)
-        return _STEPS * _ROWS
-
-    def whole() -> int:
-        for action in actions:
-            simulation.step(action)
-        return _STEPS * _ROWS
-
-    parts = {"tracking": tracking, "kernel": kernel, "simulation": whole}
+    legs, stride = model.leg_table, simulation.settings.max_action / model.units.inputs
+    lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
+    targets = np.clip(start.inputs + actions * stride, lower, upper)
+    feature_count = env.single_observation_space["observation"].shape[0]
+    report = Report(np.empty((VERDICT_ROWS, _ROWS)), np.empty((COST_ROWS, _ROWS)), np.empty((_ROWS, feature_count)))
+    refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
+    _in_blocks(legs, simulation.states, targets, refused, 0)
+    refused_rows = np.flatnonzero(refused)
+    parts = {
+        "blocks": lambda: _in_blocks(legs, simulation.states, targets, refused, 0),
+        "verdicts": lambda: _in_blocks(legs, simulation.states, targets, refused, 2),
+        "loading": lambda: _in_blocks(legs, simulation.states, targets, refused, -1),
+        "alone": lambda: step_alone(legs, simulation.states, refused_rows, actions, stride, 1.0, report),
+        "kernel": lambda: step_batch(legs, simulation.states, every_row, actions, stride, 1.0, report),
+        "all_alone": lambda: step_alone(legs, simulation.states, every_row, actions, stride, 1.0, report),
+        "total": lambda: env.step(actions),
+    }
 
     def measure() -> dict[str, float]:
-        times = {}
-        for name, part in parts.items():
-            put_back()
+        found = {name: 1e6 * timed(part) / _ROWS for name, part in parts.items()}
+        stability = found["verdicts"] - found["loading"]
+        return {
+            "solve": found["blocks"] - stability,
+            "stability": stability,
+            "alone": found["alone"],
+            "observation": found["kernel"] - found["blocks"] - found["alone"],
+            "python": found["total"] - found["kernel"],
+            "total": found["total"],
+            "all_alone": found["all_alone"],
+            "refused": refused.mean(),
+        }
+
+    def timed(part: Any) -> float:
+        """Return the least of some times, each from the same states."""
+        least = np.inf
+        for _ in range(5):
+            for array, saved in zip(simulation.states, start, strict=True):
+                array[:] = saved
+            env._ended[:] = False
             before = time.perf_counter()
-            made = part()
-            times[f"{name}_microseconds"] = 1e6 * (time.perf_counter() - before) / made
-        return times
+            part()
+            least = min(least, time.perf_counter() - before)
+        return float(least)
 
     measure()
     return measure

@@ -5,7 +5,7 @@ import os
 import platform
 from pathlib import Path
 
-PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco")
+PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool")
 
 
 def describe_machine() -> dict[str, str]:

@@ -48,24 +48,36 @@ def print_single(console: Console, single: Summaries, absent: Mapping[str, str],
     console.print(table)
 
 
-def print_batch(console: Console, batch: Summaries) -> None:
-    table = _table("Native batch, random actions, full info, resets included")
+def print_batch(console: Console, batch: Summaries, absent: Mapping[str, str]) -> None:
+    table = _table("Batches, random actions, full info, resets included")
     for heading in ("steps per second", "min - max", "a reset of all, in steps"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, figures in batch.items():
         rate = figures["steps_per_second"]
         table.add_row(name, _count(rate.median), _range(rate), f"{figures['reset_in_steps'].median:.1f}")
+    for name, reason in absent.items():
+        table.add_row(name, "absent")
+        console.print(f"[dim]{name} is absent: {escape(reason)}[/dim]", highlight=False)
     console.print(table)
 
 
-def print_parts(console: Console, parts: Summaries, single: Summaries) -> None:
-    table = _table("Where the time of a step goes: microseconds, each column includes those to its left")
-    for heading in ("tracking alone", "whole kernel", "with reward", "single environment", "tracking / single"):
+def print_parts(console: Console, parts: Summaries, memory: Summaries) -> None:
+    """One row per mechanism: what the parts of a row's step take, and how it would be row by row."""
+    table = _table("Where the time of a batched step goes: microseconds per environment, one thread, 1024 environments")
+    headings = {
+        "solve": "solve",
+        "stability": "stability",
+        "alone": "rows alone",
+        "observation": "observation",
+        "python": "Python",
+        "total": "total",
+        "all_alone": "kernel, all alone",
+    }
+    for heading in (*headings.values(), "rows alone, share", "bytes held each"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, figures in parts.items():
-        medians = [figures[f"{part}_microseconds"].median for part in ("tracking", "kernel", "simulation")]
-        whole = 1e6 / single[name]["steps_per_second_without_resets"].median
-        table.add_row(name, *(f"{value:.2f}" for value in (*medians, whole)), f"{medians[0] / whole:.0%}")
+        times = [f"{figures[key].median:.2f}" for key in headings]
+        table.add_row(name, *times, f"{figures['refused'].median:.1%}", _count(memory[name]["bytes"].median))
     console.print(table)
 
 

@@ -9,8 +9,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.environments.simulation import Mask, Outcome, Settings, Simulation
+from pcm_gym.environments.simulation import Mask, Settings, Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation, single_spaces
+from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, whole_number
 from pcm_gym.tasks.reach import RewardType
@@ -26,6 +27,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         Steps after which an episode is truncated; never by default, or with -1 as for `gymnasium.make`.
     autoreset_mode : AutoresetMode or str
         When an episode that has ended begins anew: in the next step (default), in the same step, or not by itself.
+    threads : int, optional
+        Threads that share the environments where there are many. By default as many as there are processors, or as
+        ``OMP_NUM_THREADS`` or ``NUMBA_NUM_THREADS`` allow. No result depends on it.
     mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
         As for `MechanismEnv`.
     """
@@ -36,6 +40,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         *,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
         mechanism: Mechanism | str = "2RFR",
         reward_type: RewardType = "dense",
         on_instability: str = "terminate",
@@ -57,7 +62,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.single_observation_space, self.single_action_space = single_spaces(settings.mechanism)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._simulation = Simulation(settings, num_envs)
+        threads = default_thread_count() if threads is None else whole_number("threads", threads, least=1)
+        self._simulation = Simulation(settings, num_envs, threads)
         is_endless = max_episode_steps is None or max_episode_steps == -1
         self._max_episode_steps = (
             np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
@@ -66,6 +72,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ended = np.zeros(num_envs, dtype=np.bool_)
         self._is_reset = False
+        self._kept: Observation = {}
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -78,8 +85,11 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             if own_seed is not None and mask[row]:
                 self._generators[row], _ = seeding.np_random(own_seed)
         self._begin(mask, options)
-        outcome = self._simulation.observe()
-        return outcome.observation, _masked(outcome.infos(), mask)
+        outcome = self._simulation.observe(np.arange(self.num_envs))
+        for key, array in self._kept.items():  # what stands still looks as it did, to the last bit
+            outcome.observation[key][~mask] = array[~mask]
+        self._keep(outcome.observation)
+        return outcome.observation, _with_masks(outcome.infos(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Step every environment; what happens to those that have ended is up to the autoreset mode."""
@@ -96,12 +106,12 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         outcome = self._simulation.step(values)
         self._elapsed += 1
         truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
-        infos = _masked(outcome.infos(), np.ones(self.num_envs, dtype=np.bool_))
         self._ended = outcome.terminated | truncated
-        observation = outcome.observation
+        infos = _with_masks(outcome.infos())
+        self._keep(outcome.observation)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observation, infos = self._begin_at_once(outcome, self._ended.copy())
-        return observation, outcome.reward, outcome.terminated, truncated, infos
+            self._begin_at_once(outcome.observation, infos, self._ended.copy())
+        return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
@@ -111,36 +121,37 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Begin the waiting environments, whose actions are ignored, and step the others."""
-        self._begin(waiting, {})
-        begun_states = [array[waiting].copy() for array in self._simulation.states]
-        begun = self._simulation.observe()
-        stepped = self._simulation.step(actions)
-        for array, saved in zip(self._simulation.states, begun_states, strict=True):
-            array[waiting] = saved
-        self._simulation.lost[waiting] = False
-        outcome = _merged(stepped, begun, waiting)
-        self._elapsed[~waiting] += 1
-        truncated = ((self._elapsed >= self._max_episode_steps) & ~waiting) | outcome.failed
+        generators = [self._generators[row] for row in np.flatnonzero(waiting)]
+        outcome = self._simulation.step_and_reset(actions, waiting, generators)
+        self._elapsed = np.where(waiting, 0, self._elapsed + 1)
+        truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
         self._ended = outcome.terminated | truncated
-        infos = _masked(outcome.infos(), np.ones(self.num_envs, dtype=np.bool_))
-        return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
+        return outcome.observation, outcome.reward, outcome.terminated, truncated, _with_masks(outcome.infos())
 
-    def _begin_at_once(self, outcome: Outcome, ended: Mask) -> tuple[Observation, dict[str, Any]]:
-        """Begin the episodes that have just ended; put their last observations and infos into the new infos."""
-        self._begin(ended, {})
-        begun = self._simulation.observe()
-        merged = _merged(outcome, begun, ended)
-        infos = _masked(merged.infos(), np.ones(self.num_envs, dtype=np.bool_))
+    def _begin_at_once(self, observation: Observation, infos: dict[str, Any], ended: Mask) -> None:
+        """Begin the episodes that have just ended; their last observations and infos go into the new infos."""
+        rows = np.flatnonzero(ended)
         final_observations = np.full(self.num_envs, None, dtype=object)
-        for row in np.flatnonzero(ended):
-            final_observations[row] = {key: array[row].copy() for key, array in outcome.observation.items()}
+        for row in rows:
+            final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
+        final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
+        self._begin(ended, {})
+        begun = self._simulation.observe(rows)
+        for key, values in begun.infos().items():
+            infos[key][rows] = values
+        for key, array in begun.observation.items():
+            observation[key][rows] = array
         infos["final_obs"], infos["_final_obs"] = final_observations, ended
-        infos["final_info"], infos["_final_info"] = _masked(outcome.infos(), ended), ended.copy()
-        return merged.observation, infos
+        infos["final_info"], infos["_final_info"] = _with_masks(final_infos, ended), ended.copy()
+
+    def _keep(self, observation: Observation) -> None:
+        """Keep the observations where resets of some rows are up to the caller, for the others."""
+        if self.autoreset_mode is AutoresetMode.DISABLED:
+            self._kept = {key: array.copy() for key, array in observation.items()}
 
     def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
-        for row in np.flatnonzero(mask):
-            self._simulation.reset_row(int(row), self._generators[row], options)
+        rows = np.flatnonzero(mask)
+        self._simulation.reset_rows(rows, [self._generators[row] for row in rows], options)
         self._elapsed[mask] = 0
         self._ended[mask] = False
 
@@ -171,27 +182,12 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return values
 
 
-def _masked(infos: dict[str, Any], mask: Mask) -> dict[str, Any]:
+def _with_masks(infos: dict[str, Any], mask: Mask | None = None) -> dict[str, Any]:
     """Return the infos with their masks, and neutral values in the rows outside `mask`."""
     result: dict[str, Any] = {}
     for key, values in infos.items():
-        if not mask.all():
+        if mask is not None and not mask.all():
             values[~mask] = None if values.dtype == object else 0
-        result[key], result[f"_{key}"] = values, mask.copy()
+        result[key] = values
+        result[f"_{key}"] = np.ones(len(values), dtype=np.bool_) if mask is None else mask.copy()
     return result
-
-
-def _merged(outcome: Outcome, begun: Outcome, is_begun: Mask) -> Outcome:
-    """Return the outcome whose rows are those of `begun` where `is_begun`, with no reward."""
-    observation = {
-        key: np.where(is_begun[:, None], begun.observation[key], array) for key, array in outcome.observation.items()
-    }
-    return Outcome(
-        observation,
-        np.where(is_begun, 0.0, outcome.reward),
-        outcome.terminated & ~is_begun,
-        outcome.failed & ~is_begun,
-        np.where(is_begun, begun.success, outcome.success),
-        np.where(is_begun[:, None], begun.costs, outcome.costs),
-        np.where(is_begun[:, None], begun.verdicts, outcome.verdicts),
-    )

@@ -1,14 +1,16 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
-    COST_COLUMNS,
+    COST_ROWS,
     EVENT,
     LIMIT,
     MORSE_INDEX,
@@ -19,7 +21,8 @@ from pcm_gym.kernels.transition import (
     STABILITY_FEATURES,
     STABILITY_MARGIN,
     UNSTABLE,
-    VERDICT_COLUMNS,
+    VERDICT_ROWS,
+    Report,
     States,
     describe_batch,
     step_batch,
@@ -28,7 +31,7 @@ from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import finite_vector, one_of, positive_number
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium
 from pcm_gym.solving.tracking import EVENTS
-from pcm_gym.tasks import Episode, ReachTask, default_max_action, goal_box, observation_elements
+from pcm_gym.tasks import Episodes, ReachTask, default_max_action, goal_box, observation_elements
 from pcm_gym.tasks.reach import RewardType
 
 Array = NDArray[np.float64]
@@ -99,19 +102,19 @@ class Settings:
 
 
 class Outcome(NamedTuple):
-    """What one step, or a reset, of every row came to; every array is new."""
+    """What one step, or a reset, of some rows came to; every array is new."""
 
     observation: dict[str, Array]
     reward: Array  # (n,)
     terminated: Mask  # (n,): stability was lost
     failed: Mask  # (n,): the solver failed
     success: Mask  # (n,)
-    costs: Array  # (n, 4)
-    verdicts: Array  # (n, 6)
+    costs: Array  # (4, n)
+    verdicts: Array  # (6, n)
 
     def row_info(self, row: int) -> dict[str, Any]:
         """Return the info of one row, in Python's own types."""
-        verdict, costs = self.verdicts[row].tolist(), self.costs[row].tolist()
+        verdict, costs = self.verdicts[:, row].tolist(), self.costs[:, row].tolist()
         return {
             "is_success": bool(self.success[row]),
             "cost": sum(costs),
@@ -127,20 +130,20 @@ class Outcome(NamedTuple):
         }
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return the infos of all rows, one array per key."""
+        """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
         verdicts, costs = self.verdicts, self.costs
         return {
-            "is_success": self.success.copy(),
-            "cost": costs.sum(axis=1),
-            "cost_unstable": costs[:, UNSTABLE].copy(),
-            "cost_singular": costs[:, SINGULAR].copy(),
-            "cost_limit": costs[:, LIMIT].copy(),
-            "cost_solver": costs[:, SOLVER].copy(),
-            "index": verdicts[:, MORSE_INDEX].astype(np.int64),
-            "stability_margin": verdicts[:, STABILITY_MARGIN].copy(),
-            "singularity_margin": verdicts[:, SINGULARITY_MARGIN].copy(),
-            "residual": verdicts[:, RESIDUAL].copy(),
-            "event": _EVENT_NAMES[verdicts[:, EVENT].astype(np.intp)],
+            "is_success": self.success,
+            "cost": costs.sum(axis=0),
+            "cost_unstable": costs[UNSTABLE],
+            "cost_singular": costs[SINGULAR],
+            "cost_limit": costs[LIMIT],
+            "cost_solver": costs[SOLVER],
+            "index": verdicts[MORSE_INDEX].astype(np.int64),
+            "stability_margin": verdicts[STABILITY_MARGIN],
+            "singularity_margin": verdicts[SINGULARITY_MARGIN],
+            "residual": verdicts[RESIDUAL],
+            "event": _EVENT_NAMES[verdicts[EVENT].astype(np.intp)],
         }
 
 
@@ -152,6 +155,8 @@ class Simulation:
     settings : Settings
     count : int
         Number of rows.
+    threads : int
+        Threads that share the rows where they are many. No result depends on their number.
 
     Raises
     ------
@@ -159,22 +164,20 @@ class Simulation:
         If the home equilibrium loses stability before it carries the load.
     """
 
-    def __init__(self, settings: Settings, count: int) -> None:
+    def __init__(self, settings: Settings, count: int, threads: int = 1) -> None:
         mechanism = settings.mechanism
         self.settings = settings
         self.count = count
+        self._threads = threads
         self._units = mechanism.units
         self._stride = settings.max_action / self._units.inputs
         self._free_home = home_equilibrium(mechanism)
         self._home = self._home_under(settings.load)
         self._feature_count = len(observation_elements(mechanism))
-        self.states = States(
-            np.tile(self._home.x, (count, 1)),
-            np.tile(self._home.inputs, (count, 1)),
-            np.tile(self._home.load, (count, 1)),
-        )
-        self.goals = np.tile(self._home.goal, (count, 1))
-        self.witnesses = np.tile(self._home.inputs, (count, 1))
+        self._rows = np.arange(count)
+        start = self._home.repeated(count)
+        self.states = States(start.x, start.inputs, start.load)
+        self.goals, self.witnesses = start.goal, start.witness
         self.lost = np.zeros(count, dtype=np.bool_)
 
     def equilibrium(self, row: int) -> Equilibrium:
@@ -188,54 +191,77 @@ class Simulation:
 
     def step(self, actions: Array) -> Outcome:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
-        verdicts = np.empty((self.count, VERDICT_COLUMNS))
-        costs = np.empty((self.count, COST_COLUMNS))
-        features = np.empty((self.count, self._feature_count))
-        settings = self.settings
-        step_batch(
-            settings.mechanism.leg_table,
-            self.states,
-            actions,
-            self._stride,
-            settings.singular_margin,
-            verdicts,
-            costs,
-            features,
+        report = self._empty_report()
+        run_all(self._step_jobs(self._rows, actions, report), self._threads)
+        self.lost = report.costs[UNSTABLE] > 0.0
+        return self._outcome(report, self.goals.copy())
+
+    def step_and_reset(self, actions: Array, begun: Mask, generators: Sequence[np.random.Generator]) -> Outcome:
+        """Begin new episodes in the rows `begun` (n,), each with its generator, without reward, and step the others."""
+        report, rows = self._empty_report(), np.flatnonzero(begun)
+        stepped = np.flatnonzero(~begun)
+        begin = partial(self.reset_rows, rows, generators, None)
+        run_all([begin, *self._step_jobs(stepped, actions, report)], self._threads if self.count >= LEAST_ROWS else 1)
+        self.lost[stepped] = report.costs[UNSTABLE, stepped] > 0.0
+        self._describe(rows, report)
+        outcome = self._outcome(report, self.goals.copy())
+        outcome.reward[rows] = 0.0
+        return outcome
+
+    def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
+        legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
+
+        def step(first: int, last: int) -> None:
+            step_batch(legs, self.states, rows[first:last], actions, self._stride, margin, report)
+
+        return pieces_of(step, len(rows), self._threads)
+
+    def observe(self, rows: NDArray[np.intp]) -> Outcome:
+        """Return what some rows come to when they stand still, as after a reset: no cost, no event."""
+        report = self._empty_report()
+        self._describe(rows, report)
+        chosen = Report(report.verdicts[:, rows], report.costs[:, rows], report.features[rows])
+        return self._outcome(chosen, self.goals[rows])
+
+    def _empty_report(self) -> Report:
+        return Report(
+            np.empty((VERDICT_ROWS, self.count)),
+            np.empty((COST_ROWS, self.count)),
+            np.empty((self.count, self._feature_count)),
         )
-        self.lost = costs[:, UNSTABLE] > 0.0
-        return self._outcome(features, costs, verdicts)
 
-    def observe(self) -> Outcome:
-        """Return the outcome of standing still, as after a reset: no cost, no event."""
-        verdicts = np.empty((self.count, VERDICT_COLUMNS))
-        features = np.empty((self.count, self._feature_count))
-        describe_batch(self.settings.mechanism.leg_table, self.states, verdicts, features)
-        features[self.lost, -STABILITY_FEATURES] = 0.0
-        return self._outcome(features, np.zeros((self.count, COST_COLUMNS)), verdicts)
+    def _describe(self, rows: NDArray[np.intp], report: Report) -> None:
+        describe_batch(self.settings.mechanism.leg_table, self.states, rows, report)
+        report.features[rows[self.lost[rows]], -STABILITY_FEATURES] = 0.0
 
-    def _outcome(self, features: Array, costs: Array, verdicts: Array) -> Outcome:
-        task = self.settings.task
-        achieved = task.goals_from_features(features)
-        rewards, successes = task.score(achieved, self.goals)
-        is_lost = costs[:, UNSTABLE] > 0.0
+    def _outcome(self, report: Report, goals: Array) -> Outcome:
+        task, costs = self.settings.task, report.costs
+        achieved = task.goals_from_features(report.features)
+        rewards, successes = task.score(achieved, goals)
+        is_lost = costs[UNSTABLE] > 0.0
         return Outcome(
-            {"observation": features, "achieved_goal": achieved, "desired_goal": self.goals.copy()},
+            {"observation": report.features, "achieved_goal": achieved, "desired_goal": goals},
             rewards,
             is_lost,
-            costs[:, SOLVER] > 0.0,
+            costs[SOLVER] > 0.0,
             successes & ~is_lost,
             costs,
-            verdicts,
+            report.verdicts,
         )
 
-    def reset_row(self, row: int, generator: np.random.Generator, options: Mapping[str, Any] | None) -> None:
-        """Begin a new episode in one row.
+    def reset_rows(
+        self,
+        rows: Sequence[int] | NDArray[np.intp],
+        generators: Sequence[np.random.Generator],
+        options: Mapping[str, Any] | None,
+    ) -> None:
+        """Begin new episodes in some rows.
 
         Parameters
         ----------
-        row : int
-        generator : numpy.random.Generator
-            Source of start and goal.
+        rows : sequence of int
+        generators : sequence of numpy.random.Generator
+            For each of the rows the source of its start and goal.
         options : mapping, optional
             Any of `inputs` (start there), `equilibrium` (start with it), `goal` (a pose) and `load`.
 
@@ -247,24 +273,24 @@ class Simulation:
         options = options or {}
         for name in options:
             one_of("options key", name, _RESET_OPTIONS)
-        episode = self._sample(options, generator)
-        self.states.x[row], self.states.inputs[row], self.states.load[row] = episode.x, episode.inputs, episode.load
-        self.goals[row], self.witnesses[row] = episode.goal, episode.witness
-        self.lost[row] = False
+        episodes = self._sample(options, generators)
+        for array, values in zip(self.states, (episodes.x, episodes.inputs, episodes.load), strict=True):
+            array[rows] = values
+        self.goals[rows], self.witnesses[rows] = episodes.goal, episodes.witness
+        self.lost[rows] = False
 
-    def _sample(self, options: Mapping[str, Any], generator: np.random.Generator) -> Episode:
+    def _sample(self, options: Mapping[str, Any], generators: Sequence[np.random.Generator]) -> Episodes:
         settings, task = self.settings, self.settings.task
         margin = settings.singular_margin
         if "equilibrium" in options or "inputs" in options:
             start = self._start_from(options)
-            episode = task.sample_goal(start, self._stride, margin, generator)
+            episodes = task.sample_goals(start, self._stride, margin, generators, self._threads)
         else:
             home = self._home_under(options["load"]) if "load" in options else self._home
-            episode = task.sample_episode(home, self._stride, margin, generator)
+            episodes = task.sample_episodes(home, self._stride, margin, generators, self._threads)
         if "goal" in options:
-            goal = self._goal_from(options["goal"])
-            episode = Episode(episode.x, episode.inputs, episode.load, goal, episode.witness)
-        return episode
+            episodes.goal[:] = self._goal_from(options["goal"])
+        return episodes
 
     def _goal_from(self, pose: ArrayLike) -> Array:
         mechanism = self.settings.mechanism
@@ -273,7 +299,7 @@ class Simulation:
             raise ValueError(f"option goal must be a pose within the reach of the rods, got {pose!r}")
         return goal
 
-    def _start_from(self, options: Mapping[str, Any]) -> Episode:
+    def _start_from(self, options: Mapping[str, Any]) -> Episodes:
         mechanism = self.settings.mechanism
         start = options.get("equilibrium", self._free_home)
         if not isinstance(start, Equilibrium) or start.mechanism != mechanism:
@@ -289,14 +315,15 @@ class Simulation:
         loaded = _tracked(start, start.inputs, load, "load")
         return self._episode_at(_tracked(loaded, options.get("inputs", start.inputs), load, "inputs"))
 
-    def _home_under(self, load: ArrayLike) -> Episode:
+    def _home_under(self, load: ArrayLike) -> Episodes:
         home = self._free_home
         return self._episode_at(_tracked(home, home.inputs, self.settings.mechanism.check_load(load), "load"))
 
-    def _episode_at(self, start: Equilibrium) -> Episode:
+    def _episode_at(self, start: Equilibrium) -> Episodes:
         inputs = start.inputs / self._units.inputs
         goal = self.settings.task.goal_from_pose(start.pose)
-        return Episode(np.array(start.state), inputs, start.load / self._units.load, goal, inputs)
+        values = (np.array(start.state), inputs, start.load / self._units.load, goal, inputs)
+        return Episodes(*(value[None] for value in values))
 
 
 def _tracked(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:

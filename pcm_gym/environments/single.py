@@ -157,10 +157,10 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             itself), `goal` (a pose) and `load`.
         """
         super().reset(seed=seed)
-        self._simulation.reset_row(0, self.np_random, options)
+        self._simulation.reset_rows([0], [self.np_random], options)
         self._stability_lost = False
         self._trail = []
-        outcome = self._simulation.observe()
+        outcome = self._simulation.observe(np.zeros(1, dtype=np.intp))
         return self._observation(outcome), outcome.row_info(0)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:

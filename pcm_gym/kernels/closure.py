@@ -15,11 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.linear import Symmetric, solve_linear, solve_symmetric
-from pcm_gym.kernels.rod import rod
+from pcm_gym.kernels.rod import RodPoint, rod
 
 Array = NDArray[np.float64]
+# Derivatives of a vector (x, y) by g: of x by g_x and g_y, of y by g_x and g_y.
+Derivatives = tuple[float, float, float, float]
 
 # Columns of the leg table. The clamp is at base + input * axis and points along clamp_angle + input * turn.
 BASE_X, BASE_Y, AXIS_X, AXIS_Y, CLAMP_ANGLE, TURN, LENGTH, STIFFNESS, ATTACH_X, ATTACH_Y, LOWER, UPPER = range(12)
@@ -33,7 +35,7 @@ _ROD_COLUMNS = 16
 
 # Nearer than this to a pole of its stiffness a rod is not condensed: rounding errors of its tip would come back as
 # forces, multiplied by 1000.
-_CONDENSATION_LIMIT = 1e-6
+CONDENSATION_LIMIT = 1e-6
 
 
 class Workspace(NamedTuple):
@@ -84,25 +86,51 @@ def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
     for i in range(legs.shape[0]):
         rods[i, ARM_X] = turn_c * legs[i, ATTACH_X] - turn_s * legs[i, ATTACH_Y]
         rods[i, ARM_Y] = turn_s * legs[i, ATTACH_X] + turn_c * legs[i, ATTACH_Y]
-        point = rod(x[2 * i], x[2 * i + 1])
         length = legs[i, LENGTH]
         unit_force = legs[i, STIFFNESS] / (length * length)
-        tip_c, tip_s = length * clamps[i, 2], length * clamps[i, 3]
-        force_c, force_s = unit_force * clamps[i, 2], unit_force * clamps[i, 3]
-        rods[i, TIP_X] = tip_c * point.tip_x - tip_s * point.tip_y
-        rods[i, TIP_Y] = tip_s * point.tip_x + tip_c * point.tip_y
-        rods[i, FORCE_X] = force_c * point.force_x - force_s * point.force_y
-        rods[i, FORCE_Y] = force_s * point.force_x + force_c * point.force_y
-        rods[i, TIP_G] = tip_c * point.tip_x_gx - tip_s * point.tip_y_gx
-        rods[i, TIP_G + 1] = tip_c * point.tip_x_gy - tip_s * point.tip_y_gy
-        rods[i, TIP_G + 2] = tip_s * point.tip_x_gx + tip_c * point.tip_y_gx
-        rods[i, TIP_G + 3] = tip_s * point.tip_x_gy + tip_c * point.tip_y_gy
-        rods[i, FORCE_G] = force_c * point.force_x_gx - force_s * point.force_y_gx
-        rods[i, FORCE_G + 1] = force_c * point.force_x_gy - force_s * point.force_y_gy
-        rods[i, FORCE_G + 2] = force_s * point.force_x_gx + force_c * point.force_y_gx
-        rods[i, FORCE_G + 3] = force_s * point.force_x_gy + force_c * point.force_y_gy
+        point = placed(rod(x[2 * i], x[2 * i + 1]), length, unit_force, clamps[i, 2], clamps[i, 3])
+        rods[i, TIP_X], rods[i, TIP_Y] = point.tip_x, point.tip_y
+        rods[i, FORCE_X], rods[i, FORCE_Y] = point.force_x, point.force_y
+        rods[i, TIP_G], rods[i, TIP_G + 1] = point.tip_x_gx, point.tip_x_gy
+        rods[i, TIP_G + 2], rods[i, TIP_G + 3] = point.tip_y_gx, point.tip_y_gy
+        rods[i, FORCE_G], rods[i, FORCE_G + 1] = point.force_x_gx, point.force_x_gy
+        rods[i, FORCE_G + 2], rods[i, FORCE_G + 3] = point.force_y_gx, point.force_y_gy
         rods[i, DEAD_LOAD_INDEX] = point.dead_load_index
         rods[i, HALF_PERIODS] = point.half_periods
+
+
+@formula
+def turned(c: float, s: float, x: float, y: float) -> tuple[float, float]:
+    """Return the vector (x, y) turned by the angle with cosine c and sine s, or the scaled vector if c, s are."""
+    return c * x - s * y, s * x + c * y
+
+
+@formula
+def placed(point: RodPoint, length: float, unit_force: float, c: float, s: float) -> RodPoint:
+    """Return what a rod does in the world frame and its units, clamped at the angle with cosine c and sine s."""
+    tip_c, tip_s, force_c, force_s = length * c, length * s, unit_force * c, unit_force * s
+    tip_x, tip_y = turned(tip_c, tip_s, point.tip_x, point.tip_y)
+    force_x, force_y = turned(force_c, force_s, point.force_x, point.force_y)
+    tip_x_gx, tip_y_gx = turned(tip_c, tip_s, point.tip_x_gx, point.tip_y_gx)
+    tip_x_gy, tip_y_gy = turned(tip_c, tip_s, point.tip_x_gy, point.tip_y_gy)
+    force_x_gx, force_y_gx = turned(force_c, force_s, point.force_x_gx, point.force_y_gx)
+    force_x_gy, force_y_gy = turned(force_c, force_s, point.force_x_gy, point.force_y_gy)
+    return RodPoint(
+        tip_x,
+        tip_y,
+        force_x,
+        force_y,
+        tip_x_gx,
+        tip_x_gy,
+        tip_y_gx,
+        tip_y_gy,
+        force_x_gx,
+        force_x_gy,
+        force_y_gx,
+        force_y_gy,
+        point.dead_load_index,
+        point.half_periods,
+    )
 
 
 @kernel
@@ -139,23 +167,43 @@ def set_residual(legs: Array, x: Array, load: Array, work: Workspace) -> tuple[f
 @kernel
 def set_leg_stiffness(legs: Array, work: Workspace) -> float:
     """Fill d force / d tip of each leg; return how far from a pole it is (see `pole_distance`), at the nearest leg."""
-    nearest, rods, leg_stiffness = math.inf, work.rods, work.leg_stiffness
+    nearest, leg_stiffness = math.inf, work.leg_stiffness
     for i in range(legs.shape[0]):
-        p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
-        q_xx, q_xy, q_yx, q_yy = rods[i, FORCE_G], rods[i, FORCE_G + 1], rods[i, FORCE_G + 2], rods[i, FORCE_G + 3]
-        nearest = min(nearest, pole_distance(work, i))
-        inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
-        leg_stiffness[i, 0] = (q_xx * p_yy - q_xy * p_yx) * inverse
-        leg_stiffness[i, 1] = 0.5 * (q_xy * p_xx - q_xx * p_xy + q_yx * p_yy - q_yy * p_yx) * inverse
-        leg_stiffness[i, 2] = (q_yy * p_xx - q_yx * p_xy) * inverse
+        tip_g, force_g = derivatives(work.rods[i], TIP_G), derivatives(work.rods[i], FORCE_G)
+        nearest = min(nearest, pole_distance_from(tip_g))
+        leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2] = stiffness_from(tip_g, force_g)
     return nearest
+
+
+@formula
+def derivatives(rod_row: Array, column: int) -> Derivatives:
+    """Return the derivatives by g that stand in a row of the rod table from `column` on."""
+    return rod_row[column], rod_row[column + 1], rod_row[column + 2], rod_row[column + 3]
+
+
+@formula
+def stiffness_from(tip_g: Derivatives, force_g: Derivatives) -> tuple[float, float, float]:
+    """Return d force / d tip of one rod, xx, xy, yy."""
+    p_xx, p_xy, p_yx, p_yy = tip_g
+    q_xx, q_xy, q_yx, q_yy = force_g
+    inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
+    return (
+        (q_xx * p_yy - q_xy * p_yx) * inverse,
+        0.5 * (q_xy * p_xx - q_xx * p_xy + q_yx * p_yy - q_yy * p_yx) * inverse,
+        (q_yy * p_xx - q_yx * p_xy) * inverse,
+    )
 
 
 @kernel
 def pole_distance(work: Workspace, leg: int) -> float:
     """Return the squared sine of the angle between the two columns of d tip / d g; 0 at a pole of d force / d tip."""
-    rods = work.rods
-    p_xx, p_xy, p_yx, p_yy = rods[leg, TIP_G], rods[leg, TIP_G + 1], rods[leg, TIP_G + 2], rods[leg, TIP_G + 3]
+    return pole_distance_from(derivatives(work.rods[leg], TIP_G))
+
+
+@formula
+def pole_distance_from(tip_g: Derivatives) -> float:
+    """Return `pole_distance` from the derivatives of the tip."""
+    p_xx, p_xy, p_yx, p_yy = tip_g
     determinant = p_xx * p_yy - p_xy * p_yx
     first, second = p_xx * p_xx + p_yx * p_yx, p_xy * p_xy + p_yy * p_yy
     # a column of rounding errors has a direction of its own: it counts as at least a 1e-8 of the other
@@ -174,16 +222,26 @@ def stiffness(legs: Array, x: Array, work: Workspace) -> Symmetric:
     xx = xy = yy = xz = yz = 0.0
     zz = 0.0 if x.shape[0] - 2 * legs.shape[0] == 3 else 1.0
     for i in range(legs.shape[0]):
-        a_xx, a_xy, a_yy = leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2]
-        arm_x, arm_y = rods[i, ARM_X], rods[i, ARM_Y]
-        turn_x, turn_y = a_xy * arm_x - a_xx * arm_y, a_yy * arm_x - a_xy * arm_y
-        xx += a_xx
-        xy += a_xy
-        yy += a_yy
-        xz += turn_x
-        yz += turn_y
-        zz += arm_x * turn_y - arm_y * turn_x - arm_x * rods[i, FORCE_X] - arm_y * rods[i, FORCE_Y]
+        own = (leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2])
+        share = stiffness_share(own, rods[i, ARM_X], rods[i, ARM_Y], rods[i, FORCE_X], rods[i, FORCE_Y])
+        xx += share.xx
+        xy += share.xy
+        yy += share.yy
+        xz += share.xz
+        yz += share.yz
+        zz += share.zz
     return Symmetric(xx, xy, yy, xz, yz, zz)
+
+
+@formula
+def stiffness_share(
+    leg_stiffness: tuple[float, float, float], arm_x: float, arm_y: float, force_x: float, force_y: float
+) -> Symmetric:
+    """Return what one leg adds to the stiffness of the end-effector."""
+    a_xx, a_xy, a_yy = leg_stiffness
+    turn_x, turn_y = a_xy * arm_x - a_xx * arm_y, a_yy * arm_x - a_xy * arm_y
+    zz = arm_x * turn_y - arm_y * turn_x - arm_x * force_x - arm_y * force_y
+    return Symmetric(a_xx, a_xy, a_yy, turn_x, turn_y, zz)
 
 
 @kernel
@@ -194,7 +252,7 @@ def solve_equilibrium_system(legs: Array, x: Array, right: Array, work: Workspac
     stiffness has a pole (a straight rod, for one), K does not exist though J is regular: there the full system is
     solved. Returns False where the matrix is singular.
     """
-    if set_leg_stiffness(legs, work) > _CONDENSATION_LIMIT:
+    if set_leg_stiffness(legs, work) > CONDENSATION_LIMIT:
         return _solve_condensed(legs, x, right, work)
     size = x.shape[0]
     set_matrix(legs, x, work)
@@ -213,12 +271,11 @@ def _solve_condensed(legs: Array, x: Array, right: Array, work: Workspace) -> bo
     force_x, force_y = -right[pose], -right[pose + 1]
     moment = -right[pose + 2] if is_platform else 0.0
     for i in range(legs.shape[0]):
-        a_xx, a_xy, a_yy = leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2]
-        pull_x = a_xx * right[2 * i] + a_xy * right[2 * i + 1]
-        pull_y = a_xy * right[2 * i] + a_yy * right[2 * i + 1]
-        force_x += pull_x
-        force_y += pull_y
-        moment += rods[i, ARM_X] * pull_y - rods[i, ARM_Y] * pull_x
+        own = (leg_stiffness[i, 0], leg_stiffness[i, 1], leg_stiffness[i, 2])
+        pull = condensed_pull(own, rods[i, ARM_X], rods[i, ARM_Y], right[2 * i], right[2 * i + 1])
+        force_x += pull[0]
+        force_y += pull[1]
+        moment += pull[2]
     matrix = stiffness(legs, x, work)
     move_x, move_y, turn = solve_symmetric(matrix, force_x, force_y, moment)
     step[pose], step[pose + 1] = move_x, move_y
@@ -227,11 +284,26 @@ def _solve_condensed(legs: Array, x: Array, right: Array, work: Workspace) -> bo
     for i in range(legs.shape[0]):
         tip_x = move_x - rods[i, ARM_Y] * turn - right[2 * i]
         tip_y = move_y + rods[i, ARM_X] * turn - right[2 * i + 1]
-        p_xx, p_xy, p_yx, p_yy = rods[i, TIP_G], rods[i, TIP_G + 1], rods[i, TIP_G + 2], rods[i, TIP_G + 3]
-        inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
-        step[2 * i] = (p_yy * tip_x - p_xy * tip_y) * inverse
-        step[2 * i + 1] = (p_xx * tip_y - p_yx * tip_x) * inverse
+        step[2 * i], step[2 * i + 1] = step_from_tip(derivatives(rods[i], TIP_G), tip_x, tip_y)
     return math.isfinite(move_x + move_y + turn)
+
+
+@formula
+def condensed_pull(
+    leg_stiffness: tuple[float, float, float], arm_x: float, arm_y: float, right_x: float, right_y: float
+) -> tuple[float, float, float]:
+    """Return the force and moment on the end-effector of one leg whose hinge is moved by (right_x, right_y)."""
+    a_xx, a_xy, a_yy = leg_stiffness
+    pull_x, pull_y = a_xx * right_x + a_xy * right_y, a_xy * right_x + a_yy * right_y
+    return pull_x, pull_y, arm_x * pull_y - arm_y * pull_x
+
+
+@formula
+def step_from_tip(tip_g: Derivatives, tip_x: float, tip_y: float) -> tuple[float, float]:
+    """Return the step of g that moves the tip by (tip_x, tip_y)."""
+    p_xx, p_xy, p_yx, p_yy = tip_g
+    inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
+    return (p_yy * tip_x - p_xy * tip_y) * inverse, (p_xx * tip_y - p_yx * tip_x) * inverse
 
 
 @kernel

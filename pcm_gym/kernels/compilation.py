@@ -66,14 +66,28 @@ def kernel(function: Function) -> Function:
     """Compile `function` to machine code on its first call and keep the result on disk.
 
     Division by zero follows IEEE 754 in every kernel (inf and nan, no exception), and fast-math is never used: it
-    would make ``isnan`` constant. With ``NUMBA_DISABLE_JIT=1`` the plain Python function is returned.
+    would make ``isnan`` constant. Kernels let go of Python's global lock, so that threads may run them side by side.
+    With ``NUMBA_DISABLE_JIT=1`` the plain Python function is returned.
     """
+    return _compiled(function, forceinline=False)
+
+
+def formula(function: Function) -> Function:
+    """Compile a formula, numbers in and numbers out, like a `kernel`, into the machine code of whoever calls it.
+
+    A loop over the rows of a batch is turned into vector instructions only if all that it calls is part of it.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: Function, *, forceinline: bool) -> Function:
     previous = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder(Path(function.__code__.co_filename))
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
+        compiled = numba.njit(cache=True, error_model="numpy", nogil=True, forceinline=forceinline)(function)
     finally:
         config.CACHE_DIR = previous
+    return compiled  # type: ignore[no-any-return]
 
 
 class _CompilationNotice(event.Listener):

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 # Why tracking stopped.
 NONE, FOLD, INDEX_CHANGE, ACTUATOR_LIMIT, SOLVER_FAILURE = range(5)
 
-_STEP_RULES = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
+STEP_RULES = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
 _LEAST_NATURAL_STEP = 1.0 / 64.0
 _MOST_NATURAL_STEPS = 10_000
 _MOST_ARC_STEPS = 2_000
@@ -127,6 +127,16 @@ def _reach(legs: Array, line: Line) -> float:
 
 
 @kernel
+def _set_ends(line: Line, inputs: Array, load: Array, inputs_target: Array, load_target: Array) -> None:
+    for i in range(inputs.shape[0]):
+        line.inputs_start[i] = inputs[i]
+        line.input_rate[i] = inputs_target[i] - inputs[i]
+    for d in range(load.shape[0]):
+        line.load_start[d] = load[d]
+        line.load_rate[d] = load_target[d] - load[d]
+
+
+@kernel
 def track(
     legs: Array,
     x: Array,
@@ -143,12 +153,7 @@ def track(
     They end at the target, or at the last state before the event that stopped the way. With `follow_index_changes`
     a change of index where the branch goes on (a bifurcation of a symmetric mechanism) does not stop it.
     """
-    for i in range(inputs.shape[0]):
-        line.inputs_start[i] = inputs[i]
-        line.input_rate[i] = inputs_target[i] - inputs[i]
-    for d in range(load.shape[0]):
-        line.load_start[d] = load[d]
-        line.load_rate[d] = load_target[d] - load[d]
+    _set_ends(line, inputs, load, inputs_target, load_target)
     reach = _reach(legs, line)
     event, fraction = _follow(legs, x, line, 0.0, reach, work)
     while event == INDEX_CHANGE and follow_index_changes:
@@ -166,6 +171,21 @@ def track(
     elif reach < 1.0:
         event = ACTUATOR_LIMIT
     return judge(legs, x, load, event, fraction, work)
+
+
+@kernel
+def track_in_one_step(
+    legs: Array, x: Array, inputs: Array, load: Array, inputs_target: Array, line: Line, work: Workspace
+) -> Tracked:
+    """Go to the target in one natural step and change `x` and `inputs`; or leave them, with `SOLVER_FAILURE`."""
+    _set_ends(line, inputs, load, inputs_target, load)
+    _go_to(legs, line, 0.0, work)
+    evaluate_rods(legs, x, work)
+    index = assess_stability(legs, x, work).morse_index
+    if not (_set_natural_tangent(legs, x, line, work) and _step_naturally(legs, x, line, 0.0, 1.0, index, work)):
+        return judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
+    x[:], inputs[:] = line.x, inputs_target
+    return judge(legs, x, load, NONE, 1.0, work)
 
 
 @kernel
@@ -228,7 +248,7 @@ def _step_naturally(legs: Array, x: Array, line: Line, start: float, end: float,
 def _correct_on_branch(legs: Array, line: Line, fraction: float, index: int, work: Workspace) -> bool:
     """Correct `line.x` at this fraction; return whether it is surely on the branch with this index."""
     _go_to(legs, line, fraction, work)
-    if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) != CONVERGED:
+    if solve_forward_locally(legs, line.inputs, line.load, line.x, STEP_RULES, work) != CONVERGED:
         return False
     evaluate_rods(legs, line.x, work)
     return assess_stability(legs, line.x, work).morse_index == index
@@ -246,7 +266,7 @@ def _cross(legs: Array, x: Array, line: Line, fraction: float, reach: float, wor
         for j in range(x.shape[0]):
             line.x[j] = x[j] + step * line.tangent[j]
         _go_to(legs, line, fraction + step, work)
-        if solve_forward_locally(legs, line.inputs, line.load, line.x, _STEP_RULES, work) == CONVERGED:
+        if solve_forward_locally(legs, line.inputs, line.load, line.x, STEP_RULES, work) == CONVERGED:
             evaluate_rods(legs, line.x, work)
             if assess_stability(legs, line.x, work).morse_index != index:
                 x[:] = line.x
@@ -324,7 +344,7 @@ def _correct_on_plane(
         line.x[j] = x[j] + arc * line.tangent[j]
     trial = fraction + arc * float(line.tangent[size])
     previous = math.inf
-    for iteration in range(_STEP_RULES.iterations):
+    for iteration in range(STEP_RULES.iterations):
         _go_to(legs, line, trial, work)
         evaluate_rods(legs, line.x, work)
         set_residual(legs, line.x, line.load, work)
@@ -338,9 +358,9 @@ def _correct_on_plane(
             return False, trial
         work.step[:] = work.vector[:size]
         correction = correction_size(legs, line.x, work)
-        if iteration == 0 and correction > _STEP_RULES.first_correction:
+        if iteration == 0 and correction > STEP_RULES.first_correction:
             return False, trial
-        if not correction <= max(_STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
+        if not correction <= max(STEP_RULES.contraction * previous, ROUNDING) or correction == math.inf:
             return False, trial
         line.x[:] += work.step
         trial += float(work.vector[size])

@@ -34,3 +34,16 @@ def score_goals(achieved: Array, desired: Array, arm: float, tolerance: float, i
         else:
             rewards[row] = 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
     return rewards, distances
+
+
+@kernel
+def goals_of(x: Array, leg_count: int) -> Array:
+    """Return the goals (n, 2 or 4) met by states (n, 2 legs + d): position, and (cos phi, sin phi) of a platform."""
+    pose = 2 * leg_count
+    is_platform = x.shape[1] - pose == 3
+    goals = np.empty((x.shape[0], 4 if is_platform else 2))
+    for row in range(x.shape[0]):
+        goals[row, 0], goals[row, 1] = x[row, pose], x[row, pose + 1]
+        if is_platform:
+            goals[row, 2], goals[row, 3] = math.cos(x[row, pose + 2]), math.sin(x[row, pose + 2])
+    return goals

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 
-_JACOBI_SWEEPS = 10
+JACOBI_SWEEPS = 10
 
 
 class Symmetric(NamedTuple):
@@ -135,7 +135,7 @@ def eliminate(table: NDArray[np.float64], size: int, columns: int) -> bool:
     return True
 
 
-@kernel
+@formula
 def solve_symmetric(a: Symmetric, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the solution of a symmetric 3 x 3 system by its adjugate; not finite where the matrix is singular."""
     c_xx = a.yy * a.zz - a.yz * a.yz
@@ -152,37 +152,25 @@ def solve_symmetric(a: Symmetric, x: float, y: float, z: float) -> tuple[float, 
     )
 
 
-@kernel
+@formula
 def eigenvalues_2(a: Symmetric) -> tuple[float, float]:
     """Return the eigenvalues of the upper left 2 x 2 corner, the lesser first."""
-    mean, radius = 0.5 * (a.xx + a.yy), math.hypot(0.5 * (a.xx - a.yy), a.xy)
-    lesser, greater = mean - radius, mean + radius
+    mean, half = 0.5 * (a.xx + a.yy), 0.5 * (a.xx - a.yy)
+    radius = math.sqrt(half * half + a.xy * a.xy)
+    outer = mean + radius if mean > 0.0 else mean - radius
     # the smaller in absolute value from the determinant, where the difference would lose its digits
-    determinant = a.xx * a.yy - a.xy * a.xy
-    if mean > 0.0:
-        lesser = determinant / greater
-    elif mean < 0.0:
-        greater = determinant / lesser
-    return lesser, greater
+    inner = (a.xx * a.yy - a.xy * a.xy) / outer if mean != 0.0 else radius
+    return (inner, outer) if mean > 0.0 else (outer, inner)
 
 
 @kernel
 def eigenvalues_3(a: Symmetric) -> tuple[float, float, float]:
     """Return the eigenvalues, in no particular order, by Jacobi's rotations."""
-    xx, xy, yy, xz, yz, zz = a
-    for _ in range(_JACOBI_SWEEPS):
-        if abs(xy) + abs(xz) + abs(yz) <= 1e-17 * (abs(xx) + abs(yy) + abs(zz)):
+    for _ in range(JACOBI_SWEEPS):
+        if is_diagonal(a):
             break
-        c, s, shift = _rotation(xx, yy, xy)
-        xx, yy, xy = xx - shift, yy + shift, 0.0
-        xz, yz = c * xz - s * yz, s * xz + c * yz
-        c, s, shift = _rotation(xx, zz, xz)
-        xx, zz, xz = xx - shift, zz + shift, 0.0
-        xy, yz = c * xy - s * yz, s * xy + c * yz
-        c, s, shift = _rotation(yy, zz, yz)
-        yy, zz, yz = yy - shift, zz + shift, 0.0
-        xy, xz = c * xy - s * xz, s * xy + c * xz
-    return xx, yy, zz
+        a = jacobi_sweep(a)
+    return a.xx, a.yy, a.zz
 
 
 @kernel
@@ -192,7 +180,7 @@ def diagonalize(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> No
     for i in range(size):
         for j in range(size):
             vectors[i, j] = 1.0 if i == j else 0.0
-    for _ in range(_JACOBI_SWEEPS):
+    for _ in range(JACOBI_SWEEPS):
         for i in range(size):
             for j in range(i + 1, size):
                 c, s, _ = _rotation(matrix[i, i], matrix[j, j], matrix[i, j])
@@ -219,12 +207,31 @@ def diagonalize(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> No
             break
 
 
-@kernel
+@formula
+def is_diagonal(a: Symmetric) -> bool:
+    """Return whether the matrix is diagonal to rounding."""
+    return abs(a.xy) + abs(a.xz) + abs(a.yz) <= 1e-17 * (abs(a.xx) + abs(a.yy) + abs(a.zz))
+
+
+@formula
+def jacobi_sweep(a: Symmetric) -> Symmetric:
+    """Return the matrix after three rotations, each of which makes one off-diagonal element vanish."""
+    xx, xy, yy, xz, yz, zz = a
+    c, s, shift = _rotation(xx, yy, xy)
+    xx, yy = xx - shift, yy + shift
+    xz, yz = c * xz - s * yz, s * xz + c * yz
+    c, s, shift = _rotation(xx, zz, xz)
+    xx, zz = xx - shift, zz + shift
+    xy, yz = -s * yz, c * yz
+    c, s, shift = _rotation(yy, zz, yz)
+    return Symmetric(xx, c * xy, yy - shift, s * xy, 0.0, zz + shift)
+
+
+@formula
 def _rotation(first: float, second: float, off: float) -> tuple[float, float, float]:
     """Return cosine, sine and shift of the diagonal of the rotation that makes `off` vanish."""
-    if off == 0.0:
-        return 1.0, 0.0, 0.0
     theta = 0.5 * (second - first) / off
-    t = math.copysign(1.0, theta) / (abs(theta) + math.hypot(theta, 1.0))
+    t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    t = t if off != 0.0 else 0.0
     c = 1.0 / math.sqrt(t * t + 1.0)
     return c, t * c, t * off

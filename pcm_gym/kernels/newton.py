@@ -11,14 +11,16 @@ from pcm_gym.kernels.closure import (
     FORCE_X,
     FORCE_Y,
     TIP_G,
+    Derivatives,
     Workspace,
+    derivatives,
     evaluate_rods,
     set_inputs,
     set_inverse_matrix,
     set_residual,
     solve_equilibrium_system,
 )
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.linear import solve_linear
 
 Array = NDArray[np.float64]
@@ -42,13 +44,14 @@ class NewtonRules(NamedTuple):
     reach: float = math.inf  # farthest that the end-effector may come from where it starts
 
 
-@kernel
+@formula
 def is_last(size: float, previous: float) -> bool:
     """Return whether a correction of this size after the previous one is the last that matters.
 
     Quadratic convergence makes the next one about size (size / previous)^2.
     """
-    return size * (size / previous) ** 2 < LAST_CORRECTION if size < previous < math.inf else size < LAST_CORRECTION
+    ratio = size / previous if (size < previous) & (previous < math.inf) else 1.0
+    return size * ratio * ratio < LAST_CORRECTION
 
 
 @kernel
@@ -66,14 +69,18 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
     for d in range(pose, x.shape[0]):
         size = max(size, abs(step[d]))
     for i in range(legs.shape[0]):
-        g_x, g_y = step[2 * i], step[2 * i + 1]
-        tip_x = rods[i, TIP_G] * g_x + rods[i, TIP_G + 1] * g_y
-        tip_y = rods[i, TIP_G + 2] * g_x + rods[i, TIP_G + 3] * g_y
-        force_x = rods[i, FORCE_G] * g_x + rods[i, FORCE_G + 1] * g_y
-        force_y = rods[i, FORCE_G + 2] * g_x + rods[i, FORCE_G + 3] * g_y
+        tip_g, force_g = derivatives(rods[i], TIP_G), derivatives(rods[i], FORCE_G)
         force = 1.0 + abs(rods[i, FORCE_X]) + abs(rods[i, FORCE_Y])
-        size = max(size, abs(tip_x), abs(tip_y), abs(force_x) / force, abs(force_y) / force)
+        size = max(size, rod_correction(tip_g, force_g, force, step[2 * i], step[2 * i + 1]))
     return size if math.isfinite(size) else math.inf
+
+
+@formula
+def rod_correction(tip_g: Derivatives, force_g: Derivatives, force: float, g_x: float, g_y: float) -> float:
+    """Return the largest change of a rod's tip, or, over `force`, of its force, for the step (g_x, g_y)."""
+    tip_x, tip_y = tip_g[0] * g_x + tip_g[1] * g_y, tip_g[2] * g_x + tip_g[3] * g_y
+    force_x, force_y = force_g[0] * g_x + force_g[1] * g_y, force_g[2] * g_x + force_g[3] * g_y
+    return max(abs(tip_x), abs(tip_y), max(abs(force_x), abs(force_y)) / force)
 
 
 @kernel

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.elliptic import jacobi, quarter_period
+from pcm_gym.kernels.compilation import formula, kernel
+from pcm_gym.kernels.elliptic import LEAST_LANE_COMPLEMENT, jacobi, jacobi_in_lanes, quarter_period
 
 # Below this load |g| the power series is used: the closed form divides rounding errors by |g|.
 _SERIES_LOAD = 0.05
@@ -44,15 +44,15 @@ class RodPoint(NamedTuple):
     half_periods: float  # rho / (2 K): the buckling mode is 1 + its integer part
 
 
-@kernel
+@formula
 def tip_half_angle(g_x: float, g_y: float, load: float) -> tuple[float, float]:
     """Return kappa = cos(b/2) >= 0 and kappa_c = sin(b/2), each with all its digits, for load = |g| > 0."""
     sin_b = -g_y / load
+    greater = math.sqrt(0.5 * (1.0 + abs(g_x) / load))
+    lesser = 0.5 * sin_b / greater
     if g_x >= 0.0:
-        kappa = math.sqrt(0.5 * (1.0 + g_x / load))
-        return kappa, 0.5 * sin_b / kappa
-    kappa_c = math.copysign(math.sqrt(0.5 * (1.0 - g_x / load)), sin_b)
-    return 0.5 * sin_b / kappa_c, kappa_c
+        return greater, lesser
+    return abs(lesser), math.copysign(greater, sin_b)
 
 
 @kernel
@@ -75,10 +75,38 @@ def rod(g_x: float, g_y: float) -> RodPoint:
 @kernel
 def _rod_elliptic(g_x: float, g_y: float, load: float) -> RodPoint:
     rho = math.sqrt(load)
-    cos_b, sin_b = g_x / load, -g_y / load
     kappa, kappa_c = tip_half_angle(g_x, g_y, load)
+    return _rod_from_functions(g_x, g_y, load, rho, kappa, kappa_c, jacobi(rho, kappa, abs(kappa_c)))
+
+
+@formula
+def rod_in_lanes(g_x: float, g_y: float) -> tuple[RodPoint, bool]:
+    """Return what `rod` returns, without branches, and whether it holds for this g.
+
+    Not for loads below 0.05 or above 2.5e5, nor for taut rods with |sin(b/2)| < 1e-6.
+    """
+    load = math.sqrt(g_x * g_x + g_y * g_y)
+    rho = math.sqrt(load)
+    kappa, kappa_c = tip_half_angle(g_x, g_y, load)
+    functions = jacobi_in_lanes(rho, kappa, abs(kappa_c))
+    holds = (load >= _SERIES_LOAD) & (load <= _LARGEST_LOAD) & (abs(kappa_c) >= LEAST_LANE_COMPLEMENT)
+    return _rod_from_functions(g_x, g_y, load, rho, kappa, kappa_c, functions), holds
+
+
+@formula
+def _rod_from_functions(
+    g_x: float,
+    g_y: float,
+    load: float,
+    rho: float,
+    kappa: float,
+    kappa_c: float,
+    functions: tuple[float, float, float, float, float],
+) -> RodPoint:
+    """Return the rod at g by Jacobi's functions at (rho | m)."""
+    sn, cn, dn, deficit, quarter = functions
+    cos_b, sin_b = g_x / load, -g_y / load
     m = kappa * kappa
-    sn, cn, dn, deficit, quarter = jacobi(rho, kappa, abs(kappa_c))
     half_periods = 0.5 * rho / quarter
     nd = 1.0 / dn
     cd, sd = cn * nd, sn * nd
@@ -125,12 +153,13 @@ def _rod_elliptic(g_x: float, g_y: float, load: float) -> RodPoint:
     )
 
 
-@kernel
+@formula
 def _eta_zeros(half_periods: float, eta: float) -> float:
     """Return the number of zeros of eta in (0, rho): exactly one lies between neighbouring multiples of 2 K."""
-    passed = math.floor(half_periods)
-    sign = 1.0 - 2.0 * (passed % 2.0)
-    return passed + (1.0 if sign * eta < 0.0 else 0.0)
+    passed = np.floor(half_periods)
+    is_even = passed == 2.0 * np.floor(0.5 * passed)
+    has_next = eta < 0.0 if is_even else eta > 0.0
+    return float(passed + (1.0 if has_next else 0.0))
 
 
 @kernel

@@ -15,7 +15,7 @@ from pcm_gym.kernels.closure import (
     set_leg_stiffness,
     stiffness,
 )
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.linear import Symmetric, eigenvalues_2, eigenvalues_3
 
 Array = NDArray[np.float64]
@@ -58,23 +58,30 @@ def judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
     matrix = stiffness(legs, x, work)
     index = 0
     for i in range(legs.shape[0]):
-        index += int(work.rods[i, DEAD_LOAD_INDEX]) - _negative_directions(work.leg_stiffness[i])
+        own = (work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2])
+        index += int(work.rods[i, DEAD_LOAD_INDEX] - negative_directions(own))
     if x.shape[0] - 2 * legs.shape[0] == 2:
         first, second = eigenvalues_2(matrix)
         third = math.inf
     else:
         first, second, third = eigenvalues_3(matrix)
-    # a nan counts as unstable
-    index += (0 if first >= 0.0 else 1) + (0 if second >= 0.0 else 1) + (0 if third >= 0.0 else 1)
-    return Stability(index, min(first, second, third), min(abs(first), abs(second), abs(third)), matrix)
+    negative, stability_margin, singularity_margin = judge_eigenvalues(first, second, third)
+    return Stability(index + int(negative), stability_margin, singularity_margin, matrix)
 
 
-@kernel
-def _negative_directions(leg_stiffness: Array) -> int:
-    a_xx, a_xy, a_yy = leg_stiffness[0], leg_stiffness[1], leg_stiffness[2]
-    if a_xx * a_yy - a_xy * a_xy < 0.0:
-        return 1
-    return 2 if a_xx + a_yy < 0.0 else 0
+@formula
+def judge_eigenvalues(first: float, second: float, third: float) -> tuple[float, float, float]:
+    """Return the number of negative eigenvalues of K, the least one and the least absolute one; a nan is negative."""
+    negative = (0.0 if first >= 0.0 else 1.0) + (0.0 if second >= 0.0 else 1.0) + (0.0 if third >= 0.0 else 1.0)
+    return negative, min(first, second, third), min(abs(first), abs(second), abs(third))
+
+
+@formula
+def negative_directions(leg_stiffness: tuple[float, float, float]) -> float:
+    """Return the number of negative eigenvalues of a rod's stiffness."""
+    a_xx, a_xy, a_yy = leg_stiffness
+    of_definite = 2.0 if a_xx + a_yy < 0.0 else 0.0
+    return 1.0 if a_xx * a_yy - a_xy * a_xy < 0.0 else of_definite
 
 
 @kernel

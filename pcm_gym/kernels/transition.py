@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.kernels import lanes
 from pcm_gym.kernels.closure import (
     FORCE_X,
     FORCE_Y,
@@ -20,31 +21,38 @@ from pcm_gym.kernels.closure import (
     make_workspace,
     set_inputs,
 )
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.continuation import (
     ACTUATOR_LIMIT,
     FOLD,
     INDEX_CHANGE,
     NONE,
     SOLVER_FAILURE,
+    Line,
     Tracked,
     judge,
     make_line,
     track,
+    track_in_one_step,
 )
+from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 # Loads are shown to agents as g / (_LOAD_SCALE + |g|), stiffnesses as k / (_MARGIN_SCALE + |k|): smooth and bounded.
 _LOAD_SCALE = 10.0
 _MARGIN_SCALE = 20.0
 
-# Columns of the verdicts on a state.
+# A step of a walk that is refused is halved, down to this part of it, before it is tracked alone.
+_LEAST_PART = 0.25
+
+# Rows of the verdicts on states, one column per environment.
 MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION = range(6)
-VERDICT_COLUMNS = 6
-# Columns of the costs of a step.
+VERDICT_ROWS = 6
+# Rows of the costs of steps.
 UNSTABLE, SINGULAR, LIMIT, SOLVER = range(4)
-COST_COLUMNS = 4
+COST_ROWS = 4
 
 # Features of a state that every mechanism has once, and those that each leg has.
 STABILITY_FEATURES, ROD_FEATURES = 3, 5
@@ -58,65 +66,70 @@ class States(NamedTuple):
     load: Array  # (n, d)
 
 
-@kernel
-def set_features(
-    legs: Array, x: Array, inputs: Array, tracked: Tracked, is_lost: bool, work: Workspace, out: Array
-) -> None:
-    """Fill `out` with the features of a state at the rod table: pose, inputs, rods, stability."""
-    pose, n = 2 * legs.shape[0], 0
-    out[0], out[1] = x[pose], x[pose + 1]
-    n = 2
-    if x.shape[0] - pose == 3:
-        out[2], out[3] = math.cos(x[pose + 2]), math.sin(x[pose + 2])
-        n = 4
-    for i in range(legs.shape[0]):
-        lower, upper = legs[i, LOWER], legs[i, UPPER]
-        out[n] = (2.0 * inputs[i] - lower - upper) / (upper - lower)
-        n += 1
-        if legs[i, TURN] != 0.0:
-            out[n], out[n + 1] = work.clamps[i, 2], work.clamps[i, 3]
-            n += 2
-    for i in range(legs.shape[0]):
-        _set_rod_features(legs, x, i, work, out[n : n + ROD_FEATURES])
-        n += ROD_FEATURES
-    out[n] = 0.0 if is_lost else 1.0
-    out[n + 1] = tracked.stability_margin / (_MARGIN_SCALE + abs(tracked.stability_margin))
-    out[n + 2] = tracked.singularity_margin / (_MARGIN_SCALE + tracked.singularity_margin)
+class Report(NamedTuple):
+    """What is told about the states of a batch after a step."""
 
-
-@kernel
-def _set_rod_features(legs: Array, x: Array, leg: int, work: Workspace, out: Array) -> None:
-    g_x, g_y = x[2 * leg], x[2 * leg + 1]
-    scale = 1.0 / (_LOAD_SCALE + math.hypot(g_x, g_y))
-    out[0], out[1] = scale * g_x, scale * g_y
-    force_scale = scale * legs[leg, LENGTH] ** 2 / legs[leg, STIFFNESS]
-    c, s = work.clamps[leg, 2], work.clamps[leg, 3]
-    force_x, force_y = work.rods[leg, FORCE_X], work.rods[leg, FORCE_Y]
-    out[2] = force_scale * (c * force_x + s * force_y)
-    out[3] = force_scale * (c * force_y - s * force_x)
-    out[4] = work.rods[leg, HALF_PERIODS] / (1.0 + work.rods[leg, HALF_PERIODS])
+    verdicts: Array  # (6, n)
+    costs: Array  # (4, n)
+    features: Array  # (n, m)
 
 
 @kernel
 def step_batch(
     legs: Array,
     states: States,
+    rows: Rows,
     actions: Array,
     stride: Array,
     singular_margin: float,
-    verdicts: Array,
-    costs: Array,
-    features: Array,
+    report: Report,
 ) -> None:
-    """Move the inputs of every environment by its action (n, legs), cut to [-1, 1], times `stride`, in place.
+    """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times `stride`, in place.
 
-    Inputs beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `verdicts`
-    (n, 6), `costs` (n, 4) and `features` (n, m).
+    Inputs beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `report` in these
+    rows. What becomes of a row does not depend on which others are stepped with it.
     """
-    count, size = states.x.shape
+    block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
+    seen = np.empty((report.features.shape[1], LANES))
+    refused, refused_count = np.empty(rows.shape[0], np.int64), 0
+    for first in range(0, rows.shape[0], LANES):
+        count = min(LANES, rows.shape[0] - first)
+        for lane in range(count):
+            row = rows[first + lane]
+            _set_target(legs, states.inputs[row], actions[row], stride, target)
+            load_lane(states, row, target, block, lane)
+        step_block(legs, block, count, states.load.shape[1])
+        _see_block(legs, block, count, states.load.shape[1], seen)
+        for lane in range(count):
+            row = rows[first + lane]
+            if block.common[lanes.IS_SOUND + lane] == 0.0:
+                refused[refused_count] = row
+                refused_count += 1
+                continue
+            is_cut = _set_target(legs, states.inputs[row], actions[row], stride, target)
+            _store_lane(states, row, target, block, lane)
+            for n in range(seen.shape[0]):
+                report.features[row, n] = seen[n, lane]
+            _report(row, _verdict(block.common, lane), is_cut, singular_margin, report)
+    if refused_count > 0:
+        step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
+
+
+@kernel
+def step_alone(
+    legs: Array,
+    states: States,
+    rows: Rows,
+    actions: Array,
+    stride: Array,
+    singular_margin: float,
+    report: Report,
+) -> None:
+    """Do what `step_batch` does, row by row, with all that `track` can do."""
+    size = states.x.shape[1]
     line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
     x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
-    for row in range(count):
+    for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, inputs, actions[row], stride, target)
@@ -126,28 +139,22 @@ def step_batch(
             set_inputs(legs, inputs, work)
             evaluate_rods(legs, x, work)
             tracked = judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
-        is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
-        costs[row, UNSTABLE] = 1.0 if is_lost else 0.0
-        costs[row, SINGULAR] = 1.0 if tracked.singularity_margin < singular_margin else 0.0
-        costs[row, LIMIT] = 1.0 if is_cut else 0.0
-        costs[row, SOLVER] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
-        _set_verdict(tracked, verdicts[row])
-        if is_cut and tracked.event == NONE:
-            verdicts[row, EVENT] = ACTUATOR_LIMIT
-        set_features(legs, x, inputs, tracked, is_lost, work, features[row])
+        set_features(legs, x, inputs, work, report.features[row])
+        _report(row, tracked, is_cut, singular_margin, report)
 
 
 @kernel
-def describe_batch(legs: Array, states: States, verdicts: Array, features: Array) -> None:
-    """Fill `verdicts` and `features` of states at rest."""
+def describe_batch(legs: Array, states: States, rows: Rows, report: Report) -> None:
+    """Fill `report` in some rows, for states at rest: no costs, no event."""
     work = make_workspace(legs.shape[0], states.x.shape[1])
-    for row in range(states.x.shape[0]):
+    for row in rows:
         x, inputs = states.x[row], states.inputs[row]
         set_inputs(legs, inputs, work)
         evaluate_rods(legs, x, work)
         tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
-        _set_verdict(tracked, verdicts[row])
-        set_features(legs, x, inputs, tracked, tracked.morse_index > 0, work, features[row])
+        set_features(legs, x, inputs, work, report.features[row])
+        _report(row, tracked, False, 0.0, report)
+        report.costs[:, row] = 0.0
 
 
 @kernel
@@ -161,37 +168,224 @@ def _set_target(legs: Array, inputs: Array, action: Array, stride: Array, target
 
 
 @kernel
-def _set_verdict(tracked: Tracked, verdict: Array) -> None:
-    verdict[MORSE_INDEX] = tracked.morse_index
-    verdict[STABILITY_MARGIN] = tracked.stability_margin
-    verdict[SINGULARITY_MARGIN] = tracked.singularity_margin
-    verdict[RESIDUAL] = tracked.residual
-    verdict[EVENT] = tracked.event
-    verdict[FRACTION] = tracked.fraction
+def load_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
+    """Put the state of a row, and the inputs that it is to move to, into a lane."""
+    common, leg_count, dof = block.common, block.legs.shape[0], states.load.shape[1]
+    for i in range(leg_count):
+        leg = block.legs[i]
+        leg[lanes.G_X + lane], leg[lanes.G_Y + lane] = states.x[row, 2 * i], states.x[row, 2 * i + 1]
+        leg[lanes.INPUT + lane], leg[lanes.TARGET + lane] = states.inputs[row, i], target[i]
+    for d in range(3):
+        common[lanes.X + d * LANES + lane] = states.x[row, 2 * leg_count + d] if d < dof else 0.0
+        common[lanes.LOAD_X + d * LANES + lane] = states.load[row, d] if d < dof else 0.0
 
 
 @kernel
-def wander(
-    legs: Array, x: Array, inputs: Array, load: Array, target: Array, stride: Array, steps: int, least_margin: float
-) -> int:
-    """Walk towards the inputs `target` in increments of at most `stride`, in place; return the number of steps made.
+def _store_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
+    """Put the state that a lane has come to into its row."""
+    common, leg_count = block.common, block.legs.shape[0]
+    for i in range(leg_count):
+        leg = block.legs[i]
+        states.x[row, 2 * i], states.x[row, 2 * i + 1] = leg[lanes.G_X + lane], leg[lanes.G_Y + lane]
+        states.inputs[row, i] = target[i]
+    for d in range(states.load.shape[1]):
+        states.x[row, 2 * leg_count + d] = common[lanes.X + d * LANES + lane]
 
-    It ends at the target, after `steps` steps, or before the first one that would leave the stable branch or come
-    under `least_margin`. So whoever repeats the walk meets neither.
+
+@formula
+def _verdict(common: Array, lane: int) -> Tracked:
+    """Return the verdict on a lane that has gone the whole way."""
+    return Tracked(
+        NONE,
+        1.0,
+        int(common[lanes.INDEX + lane]),
+        common[lanes.STABILITY_MARGIN + lane],
+        common[lanes.SINGULARITY_MARGIN + lane],
+        residual(common, lane),
+    )
+
+
+@kernel
+def _report(row: int, tracked: Tracked, is_cut: bool, singular_margin: float, report: Report) -> None:
+    """Fill verdict and costs of a row, and the features that tell of its stability."""
+    verdicts, costs, features = report.verdicts, report.costs, report.features[row]
+    is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
+    costs[UNSTABLE, row] = 1.0 if is_lost else 0.0
+    costs[SINGULAR, row] = 1.0 if tracked.singularity_margin < singular_margin else 0.0
+    costs[LIMIT, row] = 1.0 if is_cut else 0.0
+    costs[SOLVER, row] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
+    verdicts[MORSE_INDEX, row] = tracked.morse_index
+    verdicts[STABILITY_MARGIN, row] = tracked.stability_margin
+    verdicts[SINGULARITY_MARGIN, row] = tracked.singularity_margin
+    verdicts[RESIDUAL, row] = tracked.residual
+    verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
+    verdicts[FRACTION, row] = tracked.fraction
+    n = features.shape[0] - STABILITY_FEATURES
+    features[n] = 0.0 if is_lost else 1.0
+    features[n + 1] = tracked.stability_margin / (_MARGIN_SCALE + abs(tracked.stability_margin))
+    features[n + 2] = tracked.singularity_margin / (_MARGIN_SCALE + tracked.singularity_margin)
+
+
+@kernel
+def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Array) -> None:
+    """Fill `out` with the features of a state at the rod table, but for its stability: pose, inputs, rods."""
+    pose, n = 2 * legs.shape[0], 2
+    out[0], out[1] = x[pose], x[pose + 1]
+    if x.shape[0] - pose == 3:
+        out[2], out[3] = math.cos(x[pose + 2]), math.sin(x[pose + 2])
+        n = 4
+    for i in range(legs.shape[0]):
+        out[n] = _input_feature(inputs[i], legs[i, LOWER], legs[i, UPPER])
+        n += 1
+        if legs[i, TURN] != 0.0:
+            out[n], out[n + 1] = work.clamps[i, 2], work.clamps[i, 3]
+            n += 2
+    for i in range(legs.shape[0]):
+        rod, clamp = work.rods[i], work.clamps[i]
+        force = (rod[FORCE_X], rod[FORCE_Y])
+        features = _rod_features(
+            x[2 * i], x[2 * i + 1], force, clamp[2], clamp[3], _force_unit(legs, i), rod[HALF_PERIODS]
+        )
+        for k in range(ROD_FEATURES):
+            out[n + k] = features[k]
+        n += ROD_FEATURES
+
+
+@kernel
+def _see_block(legs: Array, block: Block, count: int, dof: int, out: Array) -> None:
+    """Fill `out` (m, lanes) as `set_features` does."""
+    common, n = block.common, 2
+    out[0], out[1] = common[lanes.X : lanes.X + LANES], common[lanes.Y : lanes.Y + LANES]
+    if dof == 3:
+        out[2] = common[lanes.TURN_C : lanes.TURN_C + LANES]
+        out[3] = common[lanes.TURN_S : lanes.TURN_S + LANES]
+        n = 4
+    for i in range(legs.shape[0]):
+        leg, lower, upper = block.legs[i], legs[i, LOWER], legs[i, UPPER]
+        for lane in range(count):
+            out[n, lane] = _input_feature(leg[lanes.TARGET + lane], lower, upper)
+        n += 1
+        if legs[i, TURN] != 0.0:
+            out[n] = leg[lanes.CLAMP_C : lanes.CLAMP_C + LANES]
+            out[n + 1] = leg[lanes.CLAMP_S : lanes.CLAMP_S + LANES]
+            n += 2
+    for i in range(legs.shape[0]):
+        _see_rod(block.legs[i], count, _force_unit(legs, i), out[n : n + ROD_FEATURES].reshape(-1))
+        n += ROD_FEATURES
+
+
+@kernel
+def _see_rod(leg: Array, count: int, force_unit: float, out: Array) -> None:
+    for lane in range(count):
+        g_x, g_y = leg[lanes.G_X + lane], leg[lanes.G_Y + lane]
+        force, half_periods = (leg[lanes.FORCE_X + lane], leg[lanes.FORCE_Y + lane]), leg[lanes.HALF_PERIODS + lane]
+        clamp_c, clamp_s = leg[lanes.CLAMP_C + lane], leg[lanes.CLAMP_S + lane]
+        features = _rod_features(g_x, g_y, force, clamp_c, clamp_s, force_unit, half_periods)
+        out[lane] = features[0]
+        out[LANES + lane] = features[1]
+        out[2 * LANES + lane] = features[2]
+        out[3 * LANES + lane] = features[3]
+        out[4 * LANES + lane] = features[4]
+
+
+@formula
+def _input_feature(value: float, lower: float, upper: float) -> float:
+    return (2.0 * value - lower - upper) / (upper - lower)
+
+
+@formula
+def _force_unit(legs: Array, leg: int) -> float:
+    """Return the factor that makes the force on a rod dimensionless."""
+    length, stiffness = float(legs[leg, LENGTH]), float(legs[leg, STIFFNESS])
+    return length * length / stiffness
+
+
+@formula
+def _rod_features(
+    g_x: float,
+    g_y: float,
+    force: tuple[float, float],
+    clamp_c: float,
+    clamp_s: float,
+    force_unit: float,
+    half_periods: float,
+) -> tuple[float, float, float, float, float]:
+    scale = 1.0 / (_LOAD_SCALE + math.sqrt(g_x * g_x + g_y * g_y))
+    along, across = clamp_c * force[0] + clamp_s * force[1], clamp_c * force[1] - clamp_s * force[0]
+    force_scale = scale * force_unit
+    return scale * g_x, scale * g_y, force_scale * along, force_scale * across, half_periods / (1.0 + half_periods)
+
+
+@kernel
+def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Rows, least_margin: float) -> None:
+    """Walk in every row towards the inputs `targets` (n, legs) in increments of at most `stride`, in place.
+
+    A walk ends at its target, after `steps` (n,) steps, or before the first one that, made in quarters, would leave
+    the stable branch or come under `least_margin`. So whoever repeats the walk meets neither.
     """
-    line, work = make_line(legs.shape[0], x.shape[0]), make_workspace(legs.shape[0], x.shape[0])
-    x_before, inputs_before, goal = x.copy(), inputs.copy(), inputs.copy()
-    for step in range(steps):
-        ratio = 0.0
-        for i in range(inputs.shape[0]):
-            ratio = max(ratio, abs(target[i] - inputs[i]) / stride[i])
-        if ratio == 0.0:
-            return step
-        x_before[:], inputs_before[:] = x, inputs
-        for i in range(inputs.shape[0]):
-            goal[i] = inputs[i] + (target[i] - inputs[i]) / max(ratio, 1.0)
-        tracked = track(legs, x, inputs, load, goal, load.copy(), False, line, work)
-        if tracked.event != NONE or tracked.stability_margin < least_margin:
-            x[:], inputs[:] = x_before, inputs_before
-            return step
-    return steps
+    all_count, size = states.x.shape
+    line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
+    goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
+    rows = np.arange(all_count)
+    count = _keep_walking(states, targets, left, rows, all_count)
+    while count > 0:
+        for first in range(0, count, LANES):
+            here = min(LANES, count - first)
+            for lane in range(here):
+                row = rows[first + lane]
+                _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
+                load_lane(states, row, goal, block, lane)
+            step_block(legs, block, here, states.load.shape[1])
+            for lane in range(here):
+                row = rows[first + lane]
+                is_refused = block.common[lanes.IS_SOUND + lane] == 0.0
+                if is_refused and part[row] > _LEAST_PART:
+                    part[row] *= 0.5
+                    continue
+                made = min(part[row], left[row])
+                _set_goal(states.inputs[row], targets[row], stride, made, goal)
+                if is_refused:
+                    is_kept = _wander_alone(legs, states, row, goal, least_margin, line, work)
+                else:
+                    is_kept = block.common[lanes.STABILITY_MARGIN + lane] >= least_margin
+                    if is_kept:
+                        _store_lane(states, row, goal, block, lane)
+                left[row] = left[row] - made if is_kept else 0.0
+        count = _keep_walking(states, targets, left, rows, count)
+
+
+@kernel
+def _set_goal(inputs: Array, target: Array, stride: Array, part: float, goal: Array) -> None:
+    """Set the inputs after the next step towards `target`, of at most a part of the stride."""
+    ratio = 1.0
+    for i in range(inputs.shape[0]):
+        ratio = max(ratio, abs(target[i] - inputs[i]) / (part * stride[i]))
+    for i in range(inputs.shape[0]):
+        goal[i] = inputs[i] + (target[i] - inputs[i]) / ratio
+
+
+@kernel
+def _wander_alone(
+    legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Line, work: Workspace
+) -> bool:
+    """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
+    x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row]
+    tracked = track_in_one_step(legs, x, inputs, load, goal, line, work)
+    if tracked.event != NONE or tracked.stability_margin < least_margin:
+        return False
+    states.x[row], states.inputs[row] = x, inputs
+    return True
+
+
+@kernel
+def _keep_walking(states: States, targets: Array, left: Array, rows: Rows, count: int) -> int:
+    """Move the rows that have further to walk to the front; return how many they are."""
+    kept = 0
+    for k in range(count):
+        row, is_there = rows[k], True
+        for i in range(targets.shape[1]):
+            is_there = is_there and states.inputs[row, i] == targets[row, i]
+        if left[row] > 0.0 and not is_there:
+            rows[kept] = row
+            kept += 1
+    return kept

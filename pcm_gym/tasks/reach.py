@@ -1,6 +1,7 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -8,8 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels.goals import score_goals
-from pcm_gym.kernels.transition import wander
+from pcm_gym.kernels.goals import goals_of, score_goals
+from pcm_gym.kernels.threads import pieces_of, run_all
+from pcm_gym.kernels.transition import States, wander
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
 
@@ -27,14 +29,19 @@ _MARGIN_RESERVE, _LIMIT_RESERVE = 10.0, 2.0
 
 
 @dataclass(frozen=True)
-class Episode:
-    """Start and goal of one episode, dimensionless as in the kernels; `witness` are inputs that reach the goal."""
+class Episodes:
+    """Starts and goals, dimensionless as in the kernels, one row per episode; at the inputs `witness` a goal is met."""
 
-    x: Array  # (2 legs + d,)
-    inputs: Array  # (legs,)
-    load: Array  # (d,)
-    goal: Array  # (2,) or (4,)
-    witness: Array  # (legs,)
+    x: Array  # (n, 2 legs + d)
+    inputs: Array  # (n, legs)
+    load: Array  # (n, d)
+    goal: Array  # (n, 2 or 4)
+    witness: Array  # (n, legs)
+
+    def repeated(self, count: int) -> "Episodes":
+        """Return `count` copies, one row each, of the first one."""
+        arrays = (self.x, self.inputs, self.load, self.goal, self.witness)
+        return Episodes(*(np.repeat(array[:1], count, axis=0) for array in arrays))
 
 
 @dataclass(frozen=True)
@@ -100,55 +107,89 @@ class ReachTask:
         rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
         return float(rewards[0]) if achieved.ndim == 1 else rewards
 
-    def sample_episode(
-        self, home: Episode, stride: Array, least_margin: float, generator: np.random.Generator
-    ) -> Episode:
-        """Return a new episode under the load of `home`: a start walked to from home and a goal walked to from there.
+    def sample_episodes(
+        self,
+        home: Episodes,
+        stride: Array,
+        least_margin: float,
+        generators: Sequence[np.random.Generator],
+        threads: int = 1,
+    ) -> Episodes:
+        """Return a new episode for each generator: a start walked to from the first `home`, and a goal from there.
 
         The walks keep to stable states whose margin exceeds `least_margin` ten times. That to the goal takes steps
-        of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost.
+        of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost. An episode
+        depends on its generator alone.
         """
-        reserve = _MARGIN_RESERVE * least_margin
-        x, inputs = home.x.copy(), home.inputs.copy()
-        for _ in range(_START_WALKS):
-            steps = int(generator.integers(_START_STEPS + 1))
-            self._walk(x, inputs, home.load, stride, steps, reserve, generator, pace=_START_STRIDE)
-        return self.sample_goal(Episode(x, inputs, home.load, home.goal, inputs), stride, least_margin, generator)
+        start, reserve = home.repeated(len(generators)), _MARGIN_RESERVE * least_margin
+        states = States(start.x, start.inputs, start.load)
+        draws = self._draw(generators, _START_WALKS)
+        for walk in range(_START_WALKS):
+            self._walk(states, draws[:, walk], (0, _START_STEPS), stride, reserve, threads, _START_STRIDE)
+        return self._with_goals(start, stride, least_margin, generators, threads)
 
-    def sample_goal(
-        self, start: Episode, stride: Array, least_margin: float, generator: np.random.Generator
-    ) -> Episode:
-        """Return the episode that begins where `start` does, with a new goal away from there."""
-        here = self._goal_of(start.x)
+    def sample_goals(
+        self,
+        start: Episodes,
+        stride: Array,
+        least_margin: float,
+        generators: Sequence[np.random.Generator],
+        threads: int = 1,
+    ) -> Episodes:
+        """Return episodes that begin where the first `start` does, each with a new goal away from there."""
+        return self._with_goals(start.repeated(len(generators)), stride, least_margin, generators, threads)
+
+    def _with_goals(
+        self,
+        start: Episodes,
+        stride: Array,
+        least_margin: float,
+        generators: Sequence[np.random.Generator],
+        threads: int,
+    ) -> Episodes:
+        here = goals_of(start.x, self.mechanism.leg_count)
+        goal, witness = here.copy(), start.inputs.copy()
+        rows = np.arange(len(generators))
         for _ in range(_ATTEMPTS):
-            x, witness = start.x.copy(), start.inputs.copy()
-            steps = int(generator.integers(_GOAL_STEPS_MIN, _GOAL_STEPS_MAX + 1))
-            self._walk(x, witness, start.load, stride, steps, _MARGIN_RESERVE * least_margin, generator)
-            goal = self._goal_of(x)
-            if not self.score(goal[None], here[None])[1][0]:
+            states = States(start.x[rows], start.inputs[rows], start.load[rows])
+            draws = self._draw([generators[row] for row in rows.tolist()], 1)[:, 0]
+            self._walk(
+                states, draws, (_GOAL_STEPS_MIN, _GOAL_STEPS_MAX), stride, _MARGIN_RESERVE * least_margin, threads
+            )
+            goal[rows], witness[rows] = goals_of(states.x, self.mechanism.leg_count), states.inputs
+            rows = rows[self.score(goal[rows], here[rows])[1]]
+            if not len(rows):
                 break
-        return Episode(start.x, start.inputs, start.load, goal, witness)
+        return Episodes(start.x, start.inputs, start.load, goal, witness)
 
-    def _goal_of(self, x: Array) -> Array:
-        return self.goal_from_pose(x[2 * self.mechanism.leg_count :] * self.mechanism.units.pose)
+    def _draw(self, generators: Sequence[np.random.Generator], walks: int) -> Array:
+        """Return numbers from [0, 1), (n, walks, 1 + legs): what decides a walk's length and target."""
+        count = 1 + self.mechanism.leg_count
+        return np.array([generator.random(walks * count) for generator in generators]).reshape(-1, walks, count)
 
     def _walk(
         self,
-        x: Array,
-        inputs: Array,
-        load: Array,
+        states: States,
+        draws: Array,
+        steps_range: tuple[int, int],
         stride: Array,
-        steps: int,
         least_margin: float,
-        generator: np.random.Generator,
+        threads: int,
         pace: float = 1.0,
     ) -> None:
-        """Walk `steps` times `pace` strides towards inputs drawn evenly from within the limits, in place."""
+        """Walk a number of steps of `pace` strides towards inputs drawn evenly from within the limits, in place."""
         mechanism = self.mechanism
         lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
         reserve = np.minimum(_LIMIT_RESERVE * stride, 0.25 * (upper - lower))
-        target = generator.uniform(lower + reserve, upper - reserve)
-        wander(mechanism.leg_table, x, inputs, load, target, pace * stride, steps, least_margin)
+        targets = lower + reserve + draws[:, 1:] * (upper - lower - 2.0 * reserve)
+        least, most = steps_range
+        steps = least + (draws[:, 0] * (most - least + 1)).astype(np.int64)
+
+        def walk(first: int, last: int) -> None:
+            rows = States(*(array[first:last] for array in states))
+            wander(mechanism.leg_table, rows, targets[first:last], pace * stride, steps[first:last], least_margin)
+
+        run_all(pieces_of(walk, len(steps), threads), threads)
 
 
 def default_max_action(mechanism: Mechanism) -> Array:

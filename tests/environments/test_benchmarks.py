@@ -4,8 +4,8 @@ import gymnasium
 import pytest
 
 import pcm_gym
-from benchmarks import single
-from benchmarks.batch import batch_throughput, step_parts
+from benchmarks import batch, single
+from benchmarks.batch import batch_throughput, make_batches, memory_per_environment, step_parts
 from benchmarks.machine import describe_machine
 from benchmarks.timing import Summary, interleave
 
@@ -30,13 +30,25 @@ def test_absent_peers_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "NoSuchPeer" in absent["NoSuchPeer-v1"]
 
 
+def test_absent_peer_of_batches_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise ImportError("No module named 'envpool'")
+
+    monkeypatch.setattr(batch, "peer_throughput", refuse)
+    measures, absent = make_batches([], 0.01)
+    assert measures == {}
+    assert absent == {batch.PEER: "No module named 'envpool'"}
+
+
 def test_everything_measured_is_positive() -> None:
     environment_id = pcm_gym.environment_ids()[0]
     measures = [
         single.throughput(gymnasium.make(environment_id), 0.01),
-        batch_throughput(environment_id, 4, 0.01),
-        step_parts(environment_id),
+        batch_throughput(environment_id, 4, 1, 0.01),
+        memory_per_environment(environment_id),
     ]
     for measure in measures:
         assert all(value > 0.0 for value in measure().values())
+    parts = step_parts(environment_id)()
+    assert all(parts[name] > 0.0 for name in ("solve", "stability", "total", "all_alone"))
     assert all(describe_machine().values())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import pcm_gym
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import BranchTracker, Event, home_equilibrium
-from pcm_gym.tasks import Episode, ReachTask, default_max_action
+from pcm_gym.tasks import Episodes, ReachTask, default_max_action
 
 NAMES = pcm_gym.mechanism_names()
 LEAST_MARGIN = 1.0
@@ -19,11 +19,12 @@ LEAST_MARGIN = 1.0
 distances = st.floats(0.0, 4.0)
 
 
-def home_episode(name: str) -> tuple[ReachTask, Episode]:
+def home_episode(name: str) -> tuple[ReachTask, Episodes]:
     mechanism = get_mechanism(name)
     home, task = home_equilibrium(mechanism), ReachTask(mechanism)
     inputs = home.inputs / mechanism.units.inputs
-    return task, Episode(np.array(home.state), inputs, np.zeros(mechanism.dof), task.goal_from_pose(home.pose), inputs)
+    values = (np.array(home.state), inputs, np.zeros(mechanism.dof), task.goal_from_pose(home.pose), inputs)
+    return task, Episodes(*(value[None] for value in values))
 
 
 @given(first=distances, second=distances, angle=st.floats(0.0, 6.3))
@@ -78,26 +79,26 @@ def test_starts_and_goals_are_stable_apart_and_within_the_limits(name: str) -> N
     generator = np.random.default_rng(0)
     starts, goals = [], []
     for _ in range(100):
-        episode = task.sample_episode(home, stride, LEAST_MARGIN, generator)
-        start = pcm_gym.Equilibrium(mechanism, episode.x, episode.inputs * units.inputs, np.zeros(mechanism.dof))
-        end = BranchTracker(mechanism, start).step(episode.witness * units.inputs)
+        episode = task.sample_episodes(home, stride, LEAST_MARGIN, [generator])
+        start = pcm_gym.Equilibrium(mechanism, episode.x[0], episode.inputs[0] * units.inputs, np.zeros(mechanism.dof))
+        end = BranchTracker(mechanism, start).step(episode.witness[0] * units.inputs)
         assert end.event is Event.NONE
         for equilibrium in (start, end.equilibrium):
             assert equilibrium.is_stable
             assert equilibrium.within_limits
             assert equilibrium.residual < 1e-10
             assert equilibrium.stability_margin > 3.0 * LEAST_MARGIN
-        np.testing.assert_allclose(task.goal_from_pose(end.equilibrium.pose), episode.goal, rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(task.goal_from_pose(end.equilibrium.pose), episode.goal[0], rtol=0.0, atol=1e-8)
         here = task.goal_from_pose(start.pose)
-        assert not task.score(here[None], episode.goal[None])[1][0]
-        starts.append(episode.inputs)
-        goals.append(episode.goal)
+        assert not task.score(here[None], episode.goal)[1][0]
+        starts.append(episode.inputs[0])
+        goals.append(episode.goal[0])
     # they differ, and the source of chance is the only one
     assert len(np.unique(np.round(starts, 9), axis=0)) > 80
     assert len(np.unique(np.round(goals, 9), axis=0)) == 100
-    again = task.sample_episode(home, stride, LEAST_MARGIN, np.random.default_rng(0))
-    np.testing.assert_array_equal(again.inputs, starts[0])
-    np.testing.assert_array_equal(again.goal, goals[0])
+    again = task.sample_episodes(home, stride, LEAST_MARGIN, [np.random.default_rng(0)])
+    np.testing.assert_array_equal(again.inputs[0], starts[0])
+    np.testing.assert_array_equal(again.goal[0], goals[0])
     np.testing.assert_array_equal(home.x, home_episode(name)[1].x)
 
 

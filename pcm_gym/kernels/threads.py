@@ -1,0 +1,78 @@
+"""Several threads for kernels: each takes a job, then the next one, until none is left.
+
+Kernels let go of Python's global lock, so plain threads are enough. They are kept from call to call, made anew after a
+fork, and belong to no environment: what uses them can be copied and pickled.
+"""
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import cache, partial
+
+import numba
+
+# Rows that a thread takes at a time: few enough to share them evenly, many enough to be worth the call.
+PIECE = 128
+# With fewer rows than this the threads cost more than they save.
+LEAST_ROWS = 256
+
+_LIBRARY = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+
+def default_thread_count() -> int:
+    """Return the number of processors that this process may use, or less if the usual variables say so.
+
+    These are ``NUMBA_NUM_THREADS`` and ``OMP_NUM_THREADS``.
+    """
+    count = int(numba.config.NUMBA_NUM_THREADS)
+    named = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
+    return min(count, int(named)) if named.isdecimal() and int(named) > 0 else count
+
+
+@cache
+def _pool(workers: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(workers, thread_name_prefix="pcm_gym")
+
+
+if hasattr(os, "register_at_fork"):  # the threads stay behind in the parent
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def pieces_of(function: Callable[[int, int], None], count: int, threads: int) -> list[Callable[[], None]]:
+    """Return calls of ``function(first, last)`` that together cover the rows from 0 to `count`."""
+    piece = PIECE if threads > 1 and count >= LEAST_ROWS else count
+    return [partial(function, first, min(first + piece, count)) for first in range(0, count, piece or 1)]
+
+
+def run_all(jobs: Sequence[Callable[[], None]], threads: int) -> None:
+    """Run the jobs, each once, on `threads` threads, the caller's own among them. A job may itself call this."""
+    left = iter(jobs)
+    helper_count = min(threads, len(jobs)) - 1
+    processors = _other_processors() if helper_count > 0 else set()
+    helpers = [_pool(threads - 1).submit(_help, left, processors) for _ in range(helper_count)]
+    _work(left)
+    for helper in helpers:
+        if not helper.cancel():  # one that has not begun has nothing left to do
+            helper.result()
+
+
+def _other_processors() -> set[int]:
+    """Return the processors on which the caller may run but does not; empty where the system does not say."""
+    running_on = getattr(_LIBRARY, "sched_getcpu", None)
+    return os.sched_getaffinity(0) - {running_on()} if running_on else set()
+
+
+def _help(left: Iterator[Callable[[], None]], processors: set[int]) -> None:
+    """Work beside the caller: Linux may keep a thread that only works for a moment on the processor of its caller."""
+    if processors:
+        with suppress(OSError):
+            os.sched_setaffinity(0, processors)
+    _work(left)
+
+
+def _work(left: Iterator[Callable[[], None]]) -> None:
+    for job in left:
+        job()
