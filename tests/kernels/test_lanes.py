@@ -254,3 +254,9 @@ def test_number_of_threads_follows_the_usual_variables(variables: dict[str, str]
         [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == (expected or str(len(os.sched_getaffinity(0))))
+
+
+@pytest.mark.parametrize(("value", "error"), [(0, ValueError), (-1, ValueError), (1.5, TypeError), ("two", TypeError)])
+def test_bad_number_of_threads_is_named(value: object, error: type[Exception]) -> None:
+    with pytest.raises(error, match="threads"):
+        MechanismVectorEnv(2, threads=value)  # type: ignore[arg-type]
