@@ -28,7 +28,9 @@ class CostStep(gymnasium.Wrapper[Observation, Action, Observation, Action]):
     learning that expect it; what they hand on to must not be a wrapper or checker of Gymnasium's five values.
     """
 
-    def step(self, action: Action) -> tuple[Observation, float, float, bool, bool, dict[str, Any]]:  # type: ignore[override]
+    def step(  # type: ignore[override]  # six values instead of five are its purpose
+        self, action: Action
+    ) -> tuple[Observation, float, float, bool, bool, dict[str, Any]]:
         """Step, with ``info["cost"]`` as the third value."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         return observation, float(reward), float(info["cost"]), terminated, truncated, info
