@@ -365,6 +365,8 @@ def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, start
         x = starts[n]
         if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
             count = keep(legs, x, inputs, rho_max, forward_kind(legs, x, inputs, work), found, count)
-    for n in range(count):
+    n = 0
+    while n < count:  # partners may have partners
         count = look_across_fold(legs, inputs, load, rho_max, n, work, found, count)
+        n += 1
     return count

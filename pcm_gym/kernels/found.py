@@ -84,6 +84,12 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
+def fold_rules(distance: float) -> NewtonRules:
+    """Return the rules of the search for a partner: steps short enough to stay on its side of the fold."""
+    return NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
+
+
+@kernel
 def look_across_fold(
     legs: Array, inputs: Array, load: Array, rho_max: float, n: int, work: Workspace, found: Found, count: int
 ) -> int:
@@ -107,7 +113,7 @@ def look_across_fold(
         return count
     for factor in FOLD_FACTORS:
         probe = x + factor * distance * direction
-        if solve_forward_locally(legs, inputs, load, probe, POLISH_RULES, work) == CONVERGED:
+        if solve_forward_locally(legs, inputs, load, probe, fold_rules(distance), work) == CONVERGED:
             count = keep(legs, probe, inputs, rho_max, forward_kind(legs, probe, inputs, work), found, count)
     return count
 

@@ -46,12 +46,13 @@ from pcm_gym.kernels.found import (
     FOLD_PROBE,
     POLISH_RULES,
     Found,
+    fold_rules,
     forward_kind,
     keep,
     principal_angle,
 )
 from pcm_gym.kernels.linear import determinant, eliminate, solve_linear
-from pcm_gym.kernels.newton import CONVERGED, correction_size, solve_inverse_locally
+from pcm_gym.kernels.newton import CONVERGED, NewtonRules, correction_size, solve_inverse_locally
 from pcm_gym.kernels.rod import rod
 
 Array = NDArray[np.float64]
@@ -217,18 +218,28 @@ def polish_combinations(
                 point = rod(x[2 * leg], x[2 * leg + 1])
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-            count = _correct_and_keep(legs, x, inputs, load, unit.rho_max, work, found, count)
-    for n in range(count):
+            count = _correct_and_keep(legs, x, inputs, load, unit.rho_max, POLISH_RULES, work, found, count)
+    n = 0
+    while n < count:  # partners may have partners
         count = _look_across_fold(legs, load, unit.rho_max, n, work, found, count)
+        n += 1
     return count
 
 
 @kernel
 def _correct_and_keep(
-    legs: Array, x: Array, inputs: Array, load: Array, rho_max: float, work: Workspace, found: Found, count: int
+    legs: Array,
+    x: Array,
+    inputs: Array,
+    load: Array,
+    rho_max: float,
+    rules: NewtonRules,
+    work: Workspace,
+    found: Found,
+    count: int,
 ) -> int:
     """Correct rods and inputs at the pose; add them to those found if that succeeds and they are new."""
-    if solve_inverse_locally(legs, inputs, load, x, POLISH_RULES, work) != CONVERGED:
+    if solve_inverse_locally(legs, inputs, load, x, rules, work) != CONVERGED:
         return count
     for leg in range(legs.shape[0]):
         if legs[leg, TURN] != 0.0:
@@ -265,7 +276,7 @@ def _look_across_fold(
         x[:], inputs[:] = found.x[n], found.inputs[n]
         x[:rods] += factor * distance * direction[:rods]
         inputs += factor * distance * direction[rods:]
-        count = _correct_and_keep(legs, x, inputs, load, rho_max, work, found, count)
+        count = _correct_and_keep(legs, x, inputs, load, rho_max, fold_rules(distance), work, found, count)
     return count
 
 

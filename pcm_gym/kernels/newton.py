@@ -141,11 +141,12 @@ def solve_inverse_locally(
             return TOO_FAR
         if not correction <= max(rules.contraction * previous, ROUNDING) or correction == math.inf:
             return DIVERGED
+        part = min(1.0, rules.largest_step / correction) if correction > 0.0 else 1.0
         for j in range(pose):
-            x[j] += work.step[j]
+            x[j] += part * work.step[j]
         for i in range(legs.shape[0]):
-            inputs[i] += work.vector[pose + i]
-        if is_last(correction, previous):
+            inputs[i] += part * work.vector[pose + i]
+        if part == 1.0 and is_last(correction, previous):
             return CONVERGED
-        previous = correction
+        previous = correction if part == 1.0 else math.inf
     return ITERATION_LIMIT
