@@ -90,13 +90,13 @@ def step_batch(
     rows. What becomes of a row does not depend on which others are stepped with it.
     """
     block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
-    seen = np.empty((report.features.shape[1], LANES))
+    seen, is_cut = np.empty((report.features.shape[1], LANES)), np.empty(LANES, np.bool_)
     refused, refused_count = np.empty(rows.shape[0], np.int64), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
             row = rows[first + lane]
-            _set_target(legs, states.inputs[row], actions[row], stride, target)
+            is_cut[lane] = _set_target(legs, states.inputs[row], actions[row], stride, target)
             load_lane(states, row, target, block, lane)
         step_block(legs, block, count, states.load.shape[1])
         _see_block(legs, block, count, states.load.shape[1], seen)
@@ -106,11 +106,10 @@ def step_batch(
                 refused[refused_count] = row
                 refused_count += 1
                 continue
-            is_cut = _set_target(legs, states.inputs[row], actions[row], stride, target)
-            _store_lane(states, row, target, block, lane)
+            _store_lane(states, row, block, lane)
             for n in range(seen.shape[0]):
                 report.features[row, n] = seen[n, lane]
-            _report(row, _verdict(block.common, lane), is_cut, singular_margin, report)
+            _report(row, _verdict(block.common, lane), is_cut[lane], singular_margin, report)
     if refused_count > 0:
         step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
 
@@ -181,13 +180,13 @@ def load_lane(states: States, row: int, target: Array, block: Block, lane: int) 
 
 
 @kernel
-def _store_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
+def _store_lane(states: States, row: int, block: Block, lane: int) -> None:
     """Put the state that a lane has come to into its row."""
     common, leg_count = block.common, block.legs.shape[0]
     for i in range(leg_count):
         leg = block.legs[i]
         states.x[row, 2 * i], states.x[row, 2 * i + 1] = leg[lanes.G_X + lane], leg[lanes.G_Y + lane]
-        states.inputs[row, i] = target[i]
+        states.inputs[row, i] = leg[lanes.TARGET + lane]
     for d in range(states.load.shape[1]):
         states.x[row, 2 * leg_count + d] = common[lanes.X + d * LANES + lane]
 
@@ -343,13 +342,13 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
                     part[row] *= 0.5
                     continue
                 made = min(part[row], left[row])
-                _set_goal(states.inputs[row], targets[row], stride, made, goal)
                 if is_refused:
+                    _set_goal(states.inputs[row], targets[row], stride, made, goal)
                     is_kept = _wander_alone(legs, states, row, goal, least_margin, line, work)
                 else:
                     is_kept = block.common[lanes.STABILITY_MARGIN + lane] >= least_margin
                     if is_kept:
-                        _store_lane(states, row, goal, block, lane)
+                        _store_lane(states, row, block, lane)
                 left[row] = left[row] - made if is_kept else 0.0
         count = _keep_walking(states, targets, left, rows, count)
 

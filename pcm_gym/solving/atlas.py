@@ -196,7 +196,7 @@ class Atlas:
         Notes
         -----
         A node of a sheet is drawn, a random point in its cell, and the equilibrium there, exact to rounding; points
-        beyond the border of the sheet are drawn again. About 10 microseconds each.
+        beyond the border of the sheet are drawn again. Some tens of microseconds each.
         """
         sheets = self._sheets(over)
         count = whole_number("count", count, least=0)
