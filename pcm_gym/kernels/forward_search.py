@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.cells import grid_load
 from pcm_gym.kernels.closure import ATTACH_X, ATTACH_Y, LENGTH, STIFFNESS, make_workspace, set_inputs
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.found import Found, forward_kind, keep, look_across_fold
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally
+from pcm_gym.kernels.found import Found, correct_and_keep, keep_partners
+from pcm_gym.kernels.newton import NewtonRules
 from pcm_gym.kernels.sheets import (
     ERROR_RADIUS,
     ERROR_X,
@@ -104,14 +104,28 @@ def _cover_poses(legs: Array, clamps: Array, sheets: Sheets) -> _PoseCells:
 
 
 @kernel
+def _set_arms(legs: Array, phi: float, arms: Array) -> None:
+    """Fill `arms` (legs, 2), from the end-effector's origin to the hinges, at an angle of the platform."""
+    c, s = math.cos(phi), math.sin(phi)
+    for leg in range(legs.shape[0]):
+        arms[leg, 0] = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
+        arms[leg, 1] = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
+
+
+@kernel
 def _set_offers(
-    legs: Array, leg: int, clamps: Array, pose: Array, poses: _PoseCells, sheets: Sheets, offers: Array
+    legs: Array,
+    leg: int,
+    clamps: Array,
+    pose: Array,
+    arm: Array,
+    poses: _PoseCells,
+    sheets: Sheets,
+    offers: Array,
 ) -> int:
-    """Fill `offers` (legs, m, 16) of a leg over the cell around a pose; return how many there are."""
+    """Fill `offers` (legs, m, 16) of a leg with this arm (2,) over the cell around a pose; return their number."""
     length, clamp_c, clamp_s = legs[leg, LENGTH], clamps[leg, 2], clamps[leg, 3]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    arm_x = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
-    arm_y = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
+    arm_x, arm_y = arm[0], arm[1]
     away_x, away_y = (pose[0] + arm_x - clamps[leg, 0]) / length, (pose[1] + arm_y - clamps[leg, 1]) / length
     tip_x, tip_y = clamp_c * away_x + clamp_s * away_y, clamp_c * away_y - clamp_s * away_x
     column, row = round(tip_x / sheets.spacing), round(tip_y / sheets.spacing)
@@ -339,20 +353,23 @@ def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts:
     most = np.diff(sheets.offsets).max()
     offers, counts = np.zeros((3, most, _OFFER_COLUMNS)), np.ones(3, dtype=np.int64)
     balance = np.zeros((_BALANCE_ROWS, 3))
+    arms = np.empty((leg_count, 2))
     found = 0
-    for cell in range(poses.turns * poses.columns * poses.rows):
-        turn, column, row = cell // (poses.columns * poses.rows), cell // poses.rows % poses.columns, cell % poses.rows
-        pose[0] = poses.low_x + (2 * column + 1) * poses.half_width
-        pose[1] = poses.low_y + (2 * row + 1) * poses.half_width
+    for turn in range(poses.turns):
         pose[2] = -math.pi + (2 * turn + 1) * poses.half_turn if dof == 3 else 0.0
-        for leg in range(leg_count):
-            counts[leg] = _set_offers(legs, leg, work.clamps, pose, poses, sheets, offers)
-            if counts[leg] == 0:
-                break
-        if counts.min() > 0:
-            found = _combine_offers(
-                legs, work.clamps, pose, whole_load, poses, sheets, counts, offers, balance, starts, found
-            )
+        _set_arms(legs, pose[2], arms)
+        for cell in range(poses.columns * poses.rows):
+            column, row = cell // poses.rows, cell % poses.rows
+            pose[0] = poses.low_x + (2 * column + 1) * poses.half_width
+            pose[1] = poses.low_y + (2 * row + 1) * poses.half_width
+            for leg in range(leg_count):
+                counts[leg] = _set_offers(legs, leg, work.clamps, pose, arms[leg], poses, sheets, offers)
+                if counts[leg] == 0:
+                    break
+            if counts.min() > 0:
+                found = _combine_offers(
+                    legs, work.clamps, pose, whole_load, poses, sheets, counts, offers, balance, starts, found
+                )
     return found
 
 
@@ -361,12 +378,6 @@ def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, start
     """Correct the starts to equilibria; put the different ones into `found`, return how many there are."""
     work = make_workspace(legs.shape[0], found.x.shape[1])
     count = 0
-    for n in range(starts.shape[0]):
-        x = starts[n]
-        if solve_forward_locally(legs, inputs, load, x, _SEARCH_RULES, work) == CONVERGED:
-            count = keep(legs, x, inputs, rho_max, forward_kind(legs, x, inputs, work), found, count)
-    n = 0
-    while n < count:  # partners may have partners
-        count = look_across_fold(legs, inputs, load, rho_max, n, work, found, count)
-        n += 1
-    return count
+    for start in starts:
+        count = correct_and_keep(legs, start, inputs, load, rho_max, False, _SEARCH_RULES, work, found, count)
+    return keep_partners(legs, load, rho_max, False, work, found, count)

@@ -6,9 +6,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import Workspace, evaluate_rods, set_inputs, solve_equilibrium_system
+from pcm_gym.kernels.closure import (
+    TURN,
+    Workspace,
+    evaluate_rods,
+    set_inputs,
+    set_inverse_matrix,
+    solve_equilibrium_system,
+)
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, correction_size, solve_forward_locally
+from pcm_gym.kernels.linear import determinant, solve_linear
+from pcm_gym.kernels.newton import (
+    CONVERGED,
+    NewtonRules,
+    correction_size,
+    solve_forward_locally,
+    solve_inverse_locally,
+)
 from pcm_gym.kernels.stability import assess_stability
 
 Array = NDArray[np.float64]
@@ -20,8 +34,8 @@ POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=
 _SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
 # A fold up to this far away, in the measure of `correction_size`, may have a partner beyond it; the step that tells;
 # and where the partner is sought, in distances from the fold.
-FARTHEST_FOLD, FOLD_PROBE = 0.2, 1e-4
-FOLD_FACTORS = (2.0, 1.4, 3.0)
+_FARTHEST_FOLD, _FOLD_PROBE = 0.2, 1e-4
+_FOLD_FACTORS = (2.0, 1.4, 3.0)
 
 
 class Found(NamedTuple):
@@ -61,11 +75,42 @@ def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found:
 
 
 @kernel
-def forward_kind(legs: Array, x: Array, inputs: Array, work: Workspace) -> int:
-    """Return what differs on the two sides of a fold at given inputs: the Morse index."""
+def correct_and_keep(
+    legs: Array,
+    x: Array,
+    inputs: Array,
+    load: Array,
+    rho_max: float,
+    is_inverse: bool,
+    rules: NewtonRules,
+    work: Workspace,
+    found: Found,
+    count: int,
+) -> int:
+    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it; return how many there are now."""
+    if is_inverse:
+        status = solve_inverse_locally(legs, inputs, load, x, rules, work)
+    else:
+        status = solve_forward_locally(legs, inputs, load, x, rules, work)
+    if status != CONVERGED:
+        return count
+    if is_inverse:
+        for leg in range(legs.shape[0]):
+            if legs[leg, TURN] != 0.0:
+                inputs[leg] = principal_angle(inputs[leg])
+    return keep(legs, x, inputs, rho_max, _kind(legs, x, inputs, is_inverse, work), found, count)
+
+
+@kernel
+def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> int:
+    """Return what differs on the two sides of a fold: the Morse index, at a given pose also the side itself."""
     set_inputs(legs, inputs, work)
     evaluate_rods(legs, x, work)
-    return assess_stability(legs, x, work).morse_index
+    index = assess_stability(legs, x, work).morse_index
+    if not is_inverse:
+        return index
+    set_inverse_matrix(legs, x, work)
+    return 2 * index + (1 if determinant(work.matrix, x.shape[0]) > 0.0 else 0)
 
 
 @kernel
@@ -84,46 +129,75 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
-def fold_rules(distance: float) -> NewtonRules:
-    """Return the rules of the search for a partner: steps short enough to stay on its side of the fold."""
-    return NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
-
-
-@kernel
-def look_across_fold(
-    legs: Array, inputs: Array, load: Array, rho_max: float, n: int, work: Workspace, found: Found, count: int
+def keep_partners(
+    legs: Array, load: Array, rho_max: float, is_inverse: bool, work: Workspace, found: Found, count: int
 ) -> int:
-    """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
-
-    The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
-    softness changes on the way.
-    """
-    x = found.x[n].copy()
-    set_inputs(legs, inputs, work)
-    softness = _set_soft_step(legs, x, work)
-    if not 0.0 < softness < math.inf:
-        return count
-    direction = work.step / softness
-    probe = x + FOLD_PROBE * direction
-    if not _set_soft_step(legs, probe, work) > 0.0:
-        return count
-    hardness = np.dot(direction, direction) / np.dot(direction, work.step)  # 1 / softness, with its sign
-    distance = -FOLD_PROBE / (hardness * softness - 1.0)
-    if not abs(distance) < FARTHEST_FOLD:
-        return count
-    for factor in FOLD_FACTORS:
-        probe = x + factor * distance * direction
-        if solve_forward_locally(legs, inputs, load, probe, fold_rules(distance), work) == CONVERGED:
-            count = keep(legs, probe, inputs, rho_max, forward_kind(legs, probe, inputs, work), found, count)
+    """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
+    n = 0
+    while n < count:
+        count = _look_across_fold(legs, load, rho_max, n, is_inverse, work, found, count)
+        n += 1
     return count
 
 
 @kernel
-def _set_soft_step(legs: Array, x: Array, work: Workspace) -> float:
-    """Fill `work.step` with the response to some forces, near a fold along its soft direction; return its size."""
+def _look_across_fold(
+    legs: Array, load: Array, rho_max: float, n: int, is_inverse: bool, work: Workspace, found: Found, count: int
+) -> int:
+    """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
+
+    The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
+    softness changes on the way. Steps are short enough to stay on the partner's side of the fold.
+    """
+    x, inputs = found.x[n].copy(), found.inputs[n].copy()
+    softness = _set_soft_step(legs, x, inputs, is_inverse, work)
+    if not 0.0 < softness < math.inf:
+        return count
+    direction = work.vector[: x.shape[0]] / softness
+    _move(x, inputs, _FOLD_PROBE, direction, is_inverse)
+    if not _set_soft_step(legs, x, inputs, is_inverse, work) > 0.0:
+        return count
+    # 1 / softness, with its sign
+    hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
+    distance = -_FOLD_PROBE / (hardness * softness - 1.0)
+    if not abs(distance) < _FARTHEST_FOLD:
+        return count
+    rules = NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
+    for factor in _FOLD_FACTORS:
+        x[:], inputs[:] = found.x[n], found.inputs[n]
+        _move(x, inputs, factor * distance, direction, is_inverse)
+        count = correct_and_keep(legs, x, inputs, load, rho_max, is_inverse, rules, work, found, count)
+    return count
+
+
+@kernel
+def _move(x: Array, inputs: Array, distance: float, direction: Array, is_inverse: bool) -> None:
+    """Add a distance along a direction to the unknowns: the rods and the pose, or the rods and the inputs."""
+    given = x.shape[0] - inputs.shape[0] if is_inverse else x.shape[0]
+    x[:given] += distance * direction[:given]
+    if is_inverse:
+        inputs += distance * direction[given:]
+
+
+@kernel
+def _set_soft_step(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> float:
+    """Fill `work.vector` with the response to some errors, near a fold along its soft direction; return its size."""
+    size, pose = x.shape[0], 2 * legs.shape[0]
+    set_inputs(legs, inputs, work)
     evaluate_rods(legs, x, work)
-    for row in range(x.shape[0]):
+    for row in range(size):
         work.residual[row] = 1.0 / (1.0 + row)
-    if not solve_equilibrium_system(legs, x, work.residual, work):
+    if not is_inverse:
+        if not solve_equilibrium_system(legs, x, work.residual, work):
+            return math.inf
+        work.vector[:size] = work.step
+        return correction_size(legs, x, work)
+    set_inverse_matrix(legs, x, work)
+    work.vector[:size] = work.residual
+    if not solve_linear(work.matrix, work.vector, size):
         return math.inf
-    return correction_size(legs, x, work)
+    work.step[:pose], work.step[pose:] = work.vector[:pose], 0.0
+    largest = correction_size(legs, x, work)
+    for i in range(pose, size):
+        largest = max(largest, abs(work.vector[i]))
+    return largest

@@ -29,30 +29,10 @@ from pcm_gym.kernels.cells import (
     reaching_input,
     set_offers,
 )
-from pcm_gym.kernels.closure import (
-    ATTACH_X,
-    ATTACH_Y,
-    TURN,
-    Workspace,
-    evaluate_rods,
-    make_workspace,
-    set_inputs,
-    set_inverse_matrix,
-)
+from pcm_gym.kernels.closure import ATTACH_X, ATTACH_Y, make_workspace
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.found import (
-    FARTHEST_FOLD,
-    FOLD_FACTORS,
-    FOLD_PROBE,
-    POLISH_RULES,
-    Found,
-    fold_rules,
-    forward_kind,
-    keep,
-    principal_angle,
-)
-from pcm_gym.kernels.linear import determinant, eliminate, solve_linear
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, correction_size, solve_inverse_locally
+from pcm_gym.kernels.found import POLISH_RULES, Found, correct_and_keep, keep_partners
+from pcm_gym.kernels.linear import eliminate
 from pcm_gym.kernels.rod import rod
 
 Array = NDArray[np.float64]
@@ -218,82 +198,5 @@ def polish_combinations(
                 point = rod(x[2 * leg], x[2 * leg + 1])
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-            count = _correct_and_keep(legs, x, inputs, load, unit.rho_max, POLISH_RULES, work, found, count)
-    n = 0
-    while n < count:  # partners may have partners
-        count = _look_across_fold(legs, load, unit.rho_max, n, work, found, count)
-        n += 1
-    return count
-
-
-@kernel
-def _correct_and_keep(
-    legs: Array,
-    x: Array,
-    inputs: Array,
-    load: Array,
-    rho_max: float,
-    rules: NewtonRules,
-    work: Workspace,
-    found: Found,
-    count: int,
-) -> int:
-    """Correct rods and inputs at the pose; add them to those found if that succeeds and they are new."""
-    if solve_inverse_locally(legs, inputs, load, x, rules, work) != CONVERGED:
-        return count
-    for leg in range(legs.shape[0]):
-        if legs[leg, TURN] != 0.0:
-            inputs[leg] = principal_angle(inputs[leg])
-    index = forward_kind(legs, x, inputs, work)
-    set_inverse_matrix(legs, x, work)
-    side = 1 if determinant(work.matrix, x.shape[0]) > 0.0 else 0
-    return keep(legs, x, inputs, rho_max, 2 * index + side, found, count)
-
-
-@kernel
-def _look_across_fold(
-    legs: Array, load: Array, rho_max: float, n: int, work: Workspace, found: Found, count: int
-) -> int:
-    """Look for the partner of an equilibrium across a fold at the pose, as far beyond it as that is before it.
-
-    As `found.look_across_fold` does at given inputs.
-    """
-    rods = 2 * legs.shape[0]
-    x, inputs = found.x[n].copy(), found.inputs[n].copy()
-    softness = _set_soft_step(legs, x, inputs, work)
-    if not 0.0 < softness < math.inf:
-        return count
-    direction = work.vector[: x.shape[0]] / softness
-    x[:rods] += FOLD_PROBE * direction[:rods]
-    inputs += FOLD_PROBE * direction[rods:]
-    if not _set_soft_step(legs, x, inputs, work) > 0.0:
-        return count
-    hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
-    distance = -FOLD_PROBE / (hardness * softness - 1.0)
-    if not abs(distance) < FARTHEST_FOLD:
-        return count
-    for factor in FOLD_FACTORS:
-        x[:], inputs[:] = found.x[n], found.inputs[n]
-        x[:rods] += factor * distance * direction[:rods]
-        inputs += factor * distance * direction[rods:]
-        count = _correct_and_keep(legs, x, inputs, load, rho_max, fold_rules(distance), work, found, count)
-    return count
-
-
-@kernel
-def _set_soft_step(legs: Array, x: Array, inputs: Array, work: Workspace) -> float:
-    """Fill `work.vector` with the response of rods and inputs to some errors, near a fold along it; return its size."""
-    size, rods = x.shape[0], 2 * legs.shape[0]
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
-    set_inverse_matrix(legs, x, work)
-    for row in range(size):
-        work.vector[row] = 1.0 / (1.0 + row)
-    if not solve_linear(work.matrix, work.vector, size):
-        return math.inf
-    work.step[:] = 0.0
-    work.step[:rods] = work.vector[:rods]
-    largest = correction_size(legs, x, work)
-    for i in range(rods, size):
-        largest = max(largest, abs(work.vector[i]))
-    return largest
+            count = correct_and_keep(legs, x, inputs, load, unit.rho_max, True, POLISH_RULES, work, found, count)
+    return keep_partners(legs, load, unit.rho_max, True, work, found, count)

@@ -1,11 +1,12 @@
 """Every equilibrium at given inputs, and every set of inputs with its equilibria at a given pose."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 from operator import contains
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,15 +87,10 @@ def solve_forward(
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = inputs / mechanism.units.inputs, mechanism.leg_table
     sheets = _sheets(problem.rho_max, problem.refinement)
-    for capacity in _CAPACITIES:
-        starts = np.empty((capacity, mechanism.state_size))
-        start_count = find_starts(legs, scaled, problem.scaled_load, sheets, starts)
-        if start_count <= capacity:
-            break
-    else:
-        raise problem.too_large()
+    find = partial(find_starts, legs, scaled, problem.scaled_load, sheets)
+    (starts,) = problem.filled(find, (mechanism.state_size, np.float64))
     found = problem.room()
-    count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts[:start_count], found)
+    count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts, found)
     states, certificate = found.x[:count], None
     if certify:
         states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
@@ -146,16 +142,10 @@ def solve_inverse(
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = pose / mechanism.units.pose, mechanism.leg_table
     unit = _unit_rod(problem.rho_max, problem.refinement)
-    for capacity in _CAPACITIES:
-        cells = np.empty((capacity, mechanism.leg_count), dtype=np.int64)
-        starts = np.empty((capacity, 2 * mechanism.leg_count))
-        cell_count = find_combinations(legs, scaled, problem.scaled_load, unit, cells, starts)
-        if cell_count <= capacity:
-            break
-    else:
-        raise problem.too_large()
+    find = partial(find_combinations, legs, scaled, problem.scaled_load, unit)
+    cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
     found = problem.room()
-    count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells[:cell_count], starts[:cell_count], found)
+    count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
     own_inputs = found.inputs[:count] * mechanism.units.inputs
     return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
 
@@ -195,9 +185,20 @@ class _Problem:
         scaled: Array = self.load / self.mechanism.units.load
         return scaled
 
-    def too_large(self) -> ValueError:
-        """Return the error of a problem that leaves more to examine than fits into memory."""
-        return ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
+    def filled(self, find: Callable[..., int], *columns: tuple[int, type]) -> list[NDArray[Any]]:
+        """Return arrays with these numbers and types of columns, with as many rows as `find` fills of them.
+
+        Raises
+        ------
+        ValueError
+            If that is more than fits into memory.
+        """
+        for capacity in _CAPACITIES:
+            arrays: list[NDArray[Any]] = [np.empty((capacity, width), dtype) for width, dtype in columns]
+            count = find(*arrays)
+            if count <= capacity:
+                return [array[:count] for array in arrays]
+        raise ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
 
     def room(self) -> Found:
         """Return arrays for the equilibria to be found."""
