@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.environments.simulation import Outcome, Settings, Simulation
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of
-from pcm_gym.solving import Equilibrium
+from pcm_gym.solving import Atlas, Equilibrium, Region, solve_forward
 from pcm_gym.tasks import ReachTask, goal_box, observation_box
 from pcm_gym.tasks.reach import RewardType
 
@@ -76,6 +76,12 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     singular_margin : float
         Threshold of `cost_singular`, in units of EI = L = 1.
     render_mode : "rgb_array", optional
+        With "human", `gymnasium.make` shows these pictures in a window.
+    render_ghosts : bool
+        Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
+        when a picture is drawn: about 10 ms for two legs, a second for a platform.
+    render_workspace : Atlas, optional
+        Atlas of the same mechanism under the same load; its stable workspace is the background of the pictures.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
@@ -91,11 +97,15 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         success_distance: float = 0.02,
         singular_margin: float = 1.0,
         render_mode: str | None = None,
+        render_ghosts: bool = False,
+        render_workspace: Atlas | None = None,
     ) -> None:
         settings = Settings.from_arguments(
             mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
         )
         self.render_mode = one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self._render_ghosts = one_of("render_ghosts", render_ghosts, (False, True))
+        self._workspace = None if render_workspace is None else _workspace(render_workspace, settings)
         self.observation_space, self.action_space = single_spaces(settings.mechanism)
         self._simulation = Simulation(settings, 1)
         self._action_shape = self.action_space.shape
@@ -189,14 +199,16 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._renderer is None:
             from pcm_gym.rendering import FrameRenderer  # drawing is loaded only when a picture is asked for
 
-            self._renderer = FrameRenderer(self.mechanism)
+            self._renderer = FrameRenderer(self.mechanism, workspace=self._workspace)
+        here = self.equilibrium
         trail = np.array(self._trail) if self._trail else None
         picture: NDArray[np.uint8] = self._renderer.draw(
-            self.equilibrium,
+            here,
             goal=self.goal,
             success_distance=self.success_distance,
             trail=trail,
             stability_lost=self._stability_lost,
+            ghosts=solve_forward(here.mechanism, here.inputs, here.load) if self._render_ghosts else (),
         )
         return picture
 
@@ -234,3 +246,14 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     @staticmethod
     def _observation(outcome: Outcome) -> Observation:
         return {key: array[0] for key, array in outcome.observation.items()}
+
+
+def _workspace(atlas: Atlas, settings: Settings) -> Region:
+    if not isinstance(atlas, Atlas):
+        raise TypeError(f"render_workspace must be an Atlas, got {atlas!r}")
+    if atlas.mechanism != settings.mechanism or not np.array_equal(atlas.load, settings.load):
+        raise ValueError(
+            f"render_workspace must be an atlas of {settings.mechanism.name!r} under load {settings.load.tolist()}, "
+            f"got one of {atlas.mechanism.name!r} under {atlas.load.tolist()}"
+        )
+    return atlas.workspace()
