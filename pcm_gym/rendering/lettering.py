@@ -34,6 +34,7 @@ def write_label(image: Image.Image, style: Style, unit: float, label: str, colou
     if framed:
         pen.rectangle((0, 0, image.width - 1, image.height - 1), None, colour, border)
     size = max(_FONT_SIZE_MIN, style.label_size * unit)
+    size *= min(1.0, (image.width - 3.0 * border - size) / pen.textlength(label, _font(size)))
     font, pad = _font(size), 0.5 * size
     place = (border + pad, border + 0.75 * size)
     _, _, right, bottom = pen.textbbox(place, label, font, anchor="lm")
@@ -43,7 +44,7 @@ def write_label(image: Image.Image, style: Style, unit: float, label: str, colou
 
 def write_caption(image: Image.Image, style: Style, unit: float, caption: str, inset: int, room: float) -> None:
     """Write a caption at the lower left, cut where it would be longer than `room` pixels."""
-    pen, font = ImageDraw.Draw(image), _font(style.font_size * unit)
+    pen, font = ImageDraw.Draw(image), _font(max(_FONT_SIZE_MIN, style.font_size * unit))
     shown = caption
     while len(shown) > 1 and pen.textlength(shown, font) > room:
         shown = shown.removesuffix("...")[:-1].rstrip() + "..."
@@ -52,4 +53,4 @@ def write_caption(image: Image.Image, style: Style, unit: float, caption: str, i
 
 @lru_cache(maxsize=8)
 def _font(size: float) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
-    return ImageFont.load_default(max(_FONT_SIZE_MIN, size))
+    return ImageFont.load_default(size)
