@@ -55,9 +55,10 @@ class Canvas:
         starts = np.arange(0.0, lengths[-1], dash + gap)
         places = np.minimum(starts[:, None] + np.linspace(0.0, dash, _DASH_POINTS), lengths[-1])
         pieces = np.stack([np.interp(places, lengths, column) for column in corners.T], axis=-1)
+        is_near = np.all((pieces[:, 0] > -dash) & (pieces[:, 0] < np.add(self.image.size, dash)), axis=-1)
         pen, thickness = self.pen, self._width(width)
-        for piece in np.rint(pieces).astype(int).reshape(len(starts), -1).tolist():
-            pen.line(piece, paint, thickness)
+        for piece in pieces[is_near]:
+            pen.line(_corners(piece), paint, thickness)
 
     def arrow(self, points: ArrayLike, paint: Paint, width: float, halo: Paint) -> None:
         """Draw a line through `points` (n, 2) that ends in a head, set off by a halo from what is below."""

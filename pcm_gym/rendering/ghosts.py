@@ -15,6 +15,7 @@ from pcm_gym.solving import Equilibrium
 Array = NDArray[np.float64]
 
 _POINTS = 40
+_MOST_TICKS = 200
 
 
 def draw_ghosts(canvas: Canvas, style: Style, ghosts: Sequence[Equilibrium]) -> None:
@@ -105,6 +106,6 @@ def _evenly(path: Array, spacing: float, *, is_closed: bool) -> Array:
     """Return poses about `spacing` apart along the path; of a closed one the last is the first and is left out."""
     poses = np.column_stack([path[:, :2], np.unwrap(path[:, 2])])
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-    count = max(1, round(lengths[-1] / spacing))
+    count = min(max(1, round(lengths[-1] / spacing)), _MOST_TICKS)
     at = np.linspace(0.0, lengths[-1], count + 1)[: count + (not is_closed)]
     return np.stack([np.interp(at, lengths, column) for column in poses.T], axis=1)

@@ -249,8 +249,9 @@ def test_short_and_resting_paths(
 
 
 def test_paths_far_outside_do_no_harm(renderer: FrameRenderer, mechanism: Mechanism, stable: Equilibrium) -> None:
-    path = np.full((5, mechanism.dof), 1e3) + np.arange(5)[:, None]
-    np.testing.assert_array_equal(renderer.draw(stable, path=path), renderer.draw(stable))
+    for place in (1e3, 1e15):
+        path = np.full((5, mechanism.dof), place) * (1.0 + np.arange(5)[:, None])
+        np.testing.assert_array_equal(renderer.draw(stable, path=path), renderer.draw(stable))
 
 
 # Loads
