@@ -56,7 +56,9 @@ class Rows(NamedTuple):
     load: Array  # (n, d)
     scene: Integers  # (n,): which one the episode takes place in
     goals: Array  # (n, p, g): the goals of successive steps, over and over
-    witness: Array  # (n, legs): inputs at which the first goal is met
+    witness: (
+        Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
+    )
     elapsed: Integers  # (n,): steps since the reset
     held: Integers  # (n,): states in a row, the present one included, that are at their goal
     lost: Mask  # (n,): whether stability has been lost
@@ -158,7 +160,7 @@ class Simulation:
             *states,
             scene=np.zeros(count, dtype=np.int64),
             goals=np.tile(goals.of_equilibrium(home), (count, period, 1)),
-            witness=states.inputs.copy(),
+            witness=np.concatenate([states.inputs, states.x], axis=1),
             elapsed=np.zeros(count, dtype=np.int64),
             held=np.zeros(count, dtype=np.int64),
             lost=np.zeros(count, dtype=np.bool_),
@@ -171,6 +173,13 @@ class Simulation:
         rows, units = self.rows, self._units
         mechanism = self.scenes[rows.scene[row]].mechanism
         return Equilibrium(mechanism, rows.x[row], rows.inputs[row] * units.inputs, rows.load[row] * units.load)
+
+    def witness(self, row: int) -> Equilibrium | None:
+        """Return an equilibrium that meets the first goal of one row; None where none is known."""
+        here, legs = self.equilibrium(row), self.settings.mechanism.leg_count
+        inputs, x = self.rows.witness[row, :legs], self.rows.witness[row, legs:]
+        known = not np.isnan(x).any()
+        return Equilibrium(here.mechanism, x, inputs * self._units.inputs, here.load) if known else None
 
     def goal(self, row: int) -> Array:
         """Return the present goal of one row."""
@@ -338,14 +347,21 @@ class Simulation:
             scene = self._scene_for(self.scenes[number], options)
             self._begin(rows[members], number, scene, [generators[member] for member in members.tolist()], goal)
 
-    def _begin(self, rows: Integers, number: int, scene: Scene, generators: Generators, goal: Array | None) -> None:
+    def _begin(
+        self, rows: Integers, number: int, scene: Scene, generators: Generators, goal: tuple[Array, Array] | None
+    ) -> None:
         task, state = self.settings.task, self.rows
         episodes = task.sample(scene, generators, self._threads)
         start = episodes.states
         for array, values in zip(state.states, start, strict=True):
             array[rows] = values
         state.scene[rows], state.elapsed[rows], state.lost[rows] = number, 0, False
-        state.goals[rows], state.witness[rows] = episodes.goals if goal is None else goal, episodes.witness
+        state.goals[rows], state.witness[rows] = (
+            episodes.goals,
+            np.concatenate([episodes.witness.inputs, episodes.witness.x], axis=1),
+        )
+        if goal is not None:
+            state.goals[rows], state.witness[rows] = goal
         state.commands[rows], state.drives[rows] = start.inputs, start.inputs
         _, at_goal = task.goals.score(task.goals.of_states(start.x, start.inputs), state.goals[rows, 0])
         state.held[rows] = at_goal
@@ -386,19 +402,19 @@ class Simulation:
         start = scene.home if start is None else reached(start, start.inputs, load, "load")
         return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
 
-    def _goal_from(self, wanted: Any) -> Array:
-        """Return the goal that a pose or an equilibrium stands for."""
+    def _goal_from(self, wanted: Any) -> tuple[Array, Array]:
+        """Return the goal that a pose or an equilibrium stands for, and its witness."""
         mechanism, goals = self.settings.mechanism, self.settings.task.goals
         if isinstance(wanted, Equilibrium):
             if wanted.mechanism.dof != mechanism.dof:
                 raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {wanted!r}")
-            return goals.of_equilibrium(wanted)
+            return goals.of_equilibrium(wanted), np.append(wanted.inputs / self._units.inputs, wanted.state)
         if goals.with_inputs:
             raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {wanted!r}")
         goal = goals.of_pose(finite_vector("option goal", wanted, mechanism.dof))
         if goal not in goals.box:
             raise ValueError(f"option goal must be a pose within the reach of the rods, got {wanted!r}")
-        return goal
+        return goal, np.full(mechanism.leg_count + mechanism.state_size, np.nan)
 
 
 def _within(values: Array, lower: Array, upper: Array) -> Array:

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.environments.pictures import Pictures, Workspace
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Outcome, Simulation
 from pcm_gym.mechanism import Mechanism
@@ -53,6 +54,13 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     mechanism : Mechanism or str
         The mechanism, or its name in the catalogue.
     render_mode : "rgb_array", optional
+        With "human", `gymnasium.make` shows these pictures in a window.
+    render_ghosts : bool
+        Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
+        when a picture is drawn: about 10 ms for two legs, a second for a platform.
+    render_workspace : Atlas or path, optional
+        Atlas of the same mechanism under the same load, or a file with one; its stable workspace is the background of
+        the pictures.
     task : "Reach", "Track" or "Switch"
         Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs.
     reward_type : "dense" or "sparse"
@@ -95,16 +103,22 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
 
     def __init__(
-        self, mechanism: Mechanism | str = "2RFR", *, render_mode: str | None = None, **arguments: Any
+        self,
+        mechanism: Mechanism | str = "2RFR",
+        *,
+        render_mode: str | None = None,
+        render_ghosts: bool = False,
+        render_workspace: Workspace = None,
+        **arguments: Any,
     ) -> None:
         settings = Settings.from_arguments(mechanism, **arguments)
         self.render_mode = one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self._pictures = Pictures(settings, render_ghosts, render_workspace)
         self.observation_space, self.action_space = settings.spaces()
         self._simulation = Simulation(settings, 1)
         self._action_shape = self.action_space.shape
         self._stability_lost = False
         self._trail: list[Array] = []
-        self._renderer: Any = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -147,10 +161,9 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.task.goals.pose(self._simulation.goal(0))
 
     @property
-    def witness(self) -> Array:
-        """Inputs at which the first goal of the episode is met, (legs,), rad or m; not observed."""
-        witness: Array = self._simulation.rows.witness[0] * self.mechanism.units.inputs
-        return witness
+    def witness(self) -> Equilibrium | None:
+        """An equilibrium that meets the first goal of the episode, not observed; None for a pose asked of `reset`."""
+        return self._simulation.witness(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -195,19 +208,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to make().")
             return None
-        if self._renderer is None:
-            from pcm_gym.rendering import FrameRenderer  # drawing is loaded only when a picture is asked for
-
-            self._renderer = FrameRenderer(self.mechanism)
-        trail = np.array(self._trail) if self._trail else None
-        picture: NDArray[np.uint8] = self._renderer.draw(
-            self.equilibrium,
-            goal=self.goal,
-            success_distance=self.success_distance,
-            trail=trail,
-            stability_lost=self._stability_lost,
-        )
-        return picture
+        return self._pictures.draw(self._simulation, 0, np.array(self._trail) if self._trail else None)
 
     def save_state(self) -> dict[str, Any]:
         """Return everything that the rest of the episode depends on; `restore_state` takes it back exactly."""

@@ -62,7 +62,7 @@ class Reach(Task):
             rows = rows[self._at_goal(start, ends, rows)]
             if not len(rows):
                 break
-        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends.inputs)
+        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
 
     def _ends(self, scene: Scene, start: States, generators: Generators, threads: int) -> States:
         """Return the states at which goals are met, drawn for these starts; `start` may be changed."""
@@ -84,7 +84,7 @@ class Reach(Task):
         if scene.origin is not None:
             start = scene.at_equilibrium(scene.origin, len(generators))
         ends = scene.at_nodes(chosen[:, 1])
-        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends.inputs)
+        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
 
 
 def _put(found: States, states: States, rows: Integers) -> None:

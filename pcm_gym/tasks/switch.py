@@ -45,7 +45,7 @@ class Switch(Task):
         load = np.tile(np.array(scene.load) / scene.mechanism.units.load, (len(chosen), 1))
         start = States(ends.start_x[chosen], ends.inputs[chosen], load)
         goals = self.goals.of_states(ends.goal_x[chosen], start.inputs)
-        return Episodes(start, goals[:, None], start.inputs.copy())
+        return Episodes(start, goals[:, None], States(ends.goal_x[chosen], start.inputs, load))
 
 
 class Switches(NamedTuple):

@@ -23,7 +23,7 @@ class Episodes:
 
     states: States  # (n, ...)
     goals: Array  # (n, p, g): the goal of each step, over and over
-    witness: Array  # (n, legs): inputs at which the first goal is met
+    witness: States  # (n, ...): where the first goal is met
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class Track(Task):
         load = np.tile(np.array(scene.load) / scene.mechanism.units.load, (len(chosen), 1))
         goals = self.goals.of_states(library.x.reshape(-1, x.shape[1]), library.inputs.reshape(-1, inputs.shape[1]))
         goals = goals.reshape(len(library.x), _PERIOD, -1)
-        return Episodes(States(x, inputs, load), goals[chosen[:, None], order], inputs.copy())
+        return Episodes(States(x, inputs, load), goals[chosen[:, None], order], States(x, inputs, load))
 
 
 class Paths(NamedTuple):

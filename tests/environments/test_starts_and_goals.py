@@ -42,10 +42,10 @@ def test_near_goals_are_reached_without_cost_by_a_straight_walk_to_their_witness
     for seed in range(60):
         _, info = env.reset(seed=seed)
         assert (info["is_success"], env.equilibrium.is_stable, env.equilibrium.within_limits) == (False, True, True)
-        results = steps_towards(env, env.witness)
+        results = steps_towards(env, env.witness.inputs)
         assert_free(results)
         assert len(results) <= 16
-        np.testing.assert_allclose(env.equilibrium.inputs, env.witness, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(env.equilibrium.inputs, env.witness.inputs, rtol=0.0, atol=1e-9)
         assert results[-1][-1]["is_success"], seed
         np.testing.assert_allclose(env.equilibrium.pose, env.goal, rtol=0.0, atol=1e-7)
 
@@ -64,7 +64,7 @@ def test_detours_are_needed_and_free_of_cost(name: str) -> None:
     for seed in range(10):
         env.reset(seed=seed)
         start = env.equilibrium
-        straight = pcm_gym.BranchTracker(env.mechanism, start).step(env.witness)
+        straight = pcm_gym.BranchTracker(env.mechanism, start).step(env.witness.inputs)
         assert straight.event in ("fold", "index_change")
         goals = [goal for first, goal in pairs if np.array_equal(roadmap.states[first], start.state)]
         goal = next(
@@ -189,7 +189,8 @@ def test_switches_lead_to_another_stable_equilibrium_at_the_same_inputs(environm
     for seed in range(3):
         env.reset(seed=seed)
         start = env.equilibrium
-        np.testing.assert_array_equal(env.witness, start.inputs)
+        np.testing.assert_array_equal(env.witness.inputs, start.inputs)
+        np.testing.assert_allclose(env.witness.pose, env.goal, rtol=0.0, atol=1e-12)
         members = pcm_gym.solve_forward(
             env.mechanism, start.inputs, rho_max=max(rho_max, *(rod.rho for rod in start.rods))
         )
