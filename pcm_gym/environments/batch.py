@@ -47,7 +47,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         load: ArrayLike | None = None,
         max_action: ArrayLike | None = None,
         success_distance: float = 0.02,
-        singular_margin: float = 1.0,
+        singular_margin: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         one_of("render_mode", render_mode, (None,))

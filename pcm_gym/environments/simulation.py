@@ -40,6 +40,8 @@ Mask = NDArray[np.bool_]
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 _INSTABILITY_BEHAVIOURS = ("terminate",)
+# Part of the agent's smallest step that a fold may be near before a state counts as nearly singular.
+_NEARLY_SINGULAR = 0.5
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
@@ -57,7 +59,7 @@ class Settings:
     max_action : array (legs,)
         Increment of each input for an action of 1, rad or m.
     singular_margin : float
-        States whose singularity margin is below this cost `cost_singular`.
+        States whose singularity margin, in rad and mean rod lengths, is below this cost `cost_singular`.
     """
 
     mechanism: Mechanism
@@ -75,7 +77,7 @@ class Settings:
         load: ArrayLike | None,
         max_action: ArrayLike | None,
         success_distance: float,
-        singular_margin: float,
+        singular_margin: float | None,
     ) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
         if isinstance(mechanism, str):
@@ -92,6 +94,8 @@ class Settings:
             )
         if not np.all(steps > 0.0):
             raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
+        if singular_margin is None:
+            singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())
         return cls(
             mechanism=mechanism,
             task=ReachTask(mechanism, reward_type, success_distance),

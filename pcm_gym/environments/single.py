@@ -73,8 +73,9 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
     success_distance : float
         Distance to the goal, in m, that counts as reached.
-    singular_margin : float
-        Threshold of `cost_singular`, in units of EI = L = 1.
+    singular_margin : float, optional
+        Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
+        rod lengths; by default half of the agent's smallest step.
     render_mode : "rgb_array", optional
     """
 
@@ -89,7 +90,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         load: ArrayLike | None = None,
         max_action: ArrayLike | None = None,
         success_distance: float = 0.02,
-        singular_margin: float = 1.0,
+        singular_margin: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         settings = Settings.from_arguments(
@@ -125,7 +126,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def singular_margin(self) -> float:
-        """Threshold of `cost_singular`."""
+        """Threshold of `cost_singular`, in rad and mean rod lengths."""
         return self._simulation.settings.singular_margin
 
     @property

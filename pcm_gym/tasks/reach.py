@@ -22,10 +22,10 @@ RewardType = Literal["dense", "sparse"]
 _START_WALKS, _START_STEPS, _START_STRIDE = 2, 10, 4.0
 # Steps of the walk from start to goal.
 _GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 15
-_ATTEMPTS = 8
+_ATTEMPTS = 32
 # Starts and goals keep this many times the margin below which a state counts as nearly singular, and this many of the
 # agent's steps from the actuators' limits.
-_MARGIN_RESERVE, _LIMIT_RESERVE = 10.0, 2.0
+_MARGIN_RESERVE, _LIMIT_RESERVE = 2.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class ReachTask:
     ) -> Episodes:
         """Return a new episode for each generator: a start walked to from the first `home`, and a goal from there.
 
-        The walks keep to stable states whose margin exceeds `least_margin` ten times. That to the goal takes steps
+        The walks keep to stable states whose margin is at least twice `least_margin`. That to the goal takes steps
         of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost. An episode
         depends on its generator alone.
         """
