@@ -133,6 +133,7 @@ def step_parts(environment_id: str) -> Measure:
     simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.rows.states))
     legs, stride = model.leg_table, simulation.settings.stride
+    margin = simulation.settings.singular_margin
     lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
     targets = np.clip(start.inputs + actions * stride, lower, upper)
@@ -145,9 +146,9 @@ def step_parts(environment_id: str) -> Measure:
         "blocks": lambda: _in_blocks(legs, simulation.rows.states, targets, refused, 0),
         "verdicts": lambda: _in_blocks(legs, simulation.rows.states, targets, refused, 2 * _REPEATS),
         "loading": lambda: _in_blocks(legs, simulation.rows.states, targets, refused, -1),
-        "alone": lambda: step_alone(legs, simulation.rows.states, refused_rows, actions, stride, 1.0, report),
-        "kernel": lambda: step_batch(legs, simulation.rows.states, every_row, actions, stride, 1.0, report),
-        "all_alone": lambda: step_alone(legs, simulation.rows.states, every_row, actions, stride, 1.0, report),
+        "alone": lambda: step_alone(legs, simulation.rows.states, refused_rows, actions, stride, margin, report),
+        "kernel": lambda: step_batch(legs, simulation.rows.states, every_row, actions, stride, margin, report),
+        "all_alone": lambda: step_alone(legs, simulation.rows.states, every_row, actions, stride, margin, report),
         "total": lambda: env.step(actions),
     }
 

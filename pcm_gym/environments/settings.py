@@ -29,6 +29,8 @@ from pcm_gym.tasks import (
 Array = NDArray[np.float64]
 
 INSTABILITY_BEHAVIOURS = ("terminate",)
+# Part of the agent's smallest step that a fold may be near before a state counts as nearly singular.
+_NEARLY_SINGULAR = 0.5
 # Scenes that turn out to have no home are drawn again, up to so many times each.
 _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
@@ -52,7 +54,7 @@ class Settings:
     hold_steps : int
         Steps in a row at the goal that make a success.
     singular_margin : float
-        States whose singularity margin is below this cost `cost_singular`.
+        States whose singularity margin, in rad and mean rod lengths, is below this cost `cost_singular`.
     randomisation : Randomisation
     variants : int
         Number of scenes where anything varies.
@@ -87,7 +89,7 @@ class Settings:
         hold_steps: int = 3,
         on_instability: str = "terminate",
         max_action: ArrayLike | None = None,
-        singular_margin: float = 1.0,
+        singular_margin: float | None = None,
         load: ArrayLike | None = None,
         observe_load: bool = True,
         randomisation: Mapping[str, float] | None = None,
@@ -103,6 +105,9 @@ class Settings:
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
         one_of("on_instability", on_instability, INSTABILITY_BEHAVIOURS)
+        steps = _steps(mechanism, max_action)
+        if singular_margin is None:
+            singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())
         goals = Goals(mechanism, reward_type, success_distance, with_inputs=task == "Switch")
         return cls(
             mechanism=mechanism,
@@ -110,7 +115,7 @@ class Settings:
             on_instability=on_instability,
             load_range=_load_range(mechanism, load),
             observe_load=bool(one_of("observe_load", observe_load, (True, False))),
-            max_action=_steps(mechanism, max_action),
+            max_action=steps,
             hold_steps=whole_number("hold_steps", hold_steps, least=1),
             singular_margin=positive_number("singular_margin", singular_margin),
             randomisation=Randomisation.from_mapping(randomisation).check(mechanism),

@@ -56,9 +56,7 @@ class Rows(NamedTuple):
     load: Array  # (n, d)
     scene: Integers  # (n,): which one the episode takes place in
     goals: Array  # (n, p, g): the goals of successive steps, over and over
-    witness: (
-        Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
-    )
+    witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
     elapsed: Integers  # (n,): steps since the reset
     held: Integers  # (n,): states in a row, the present one included, that are at their goal
     lost: Mask  # (n,): whether stability has been lost

@@ -76,8 +76,9 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     on_instability : "terminate"
     max_action : float or array_like (legs,), optional
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
-    singular_margin : float
-        Threshold of `cost_singular`, in units of EI = L = 1.
+    singular_margin : float, optional
+        Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
+        rod lengths; by default half of the agent's smallest step.
     load : array_like (d,) or (2, d), optional
         Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
         at each reset.
@@ -147,7 +148,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def singular_margin(self) -> float:
-        """Threshold of `cost_singular`."""
+        """Threshold of `cost_singular`, in rad and mean rod lengths."""
         return self._simulation.settings.singular_margin
 
     @property

@@ -80,7 +80,6 @@ class Tracked(NamedTuple):
     fraction: float
     morse_index: int
     stability_margin: float
-    singularity_margin: float
     residual: float
 
 
@@ -198,7 +197,6 @@ def judge(legs: Array, x: Array, load: Array, event: int, fraction: float, work:
         fraction,
         verdict.morse_index,
         verdict.stability_margin,
-        verdict.singularity_margin,
         max(closure_error, force_error),
     )
 

@@ -15,6 +15,7 @@ from pcm_gym.kernels.closure import (
     solve_equilibrium_system,
 )
 from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.margin import singularity_margin
 from pcm_gym.kernels.rod import rod_energy, rod_parameters, rod_shape
 from pcm_gym.kernels.stability import assess_stability
 
@@ -83,7 +84,7 @@ def describe_equilibrium(
             total_energy(legs, x, load),
             max(closure_error, force_error),
             verdict.stability_margin,
-            verdict.singularity_margin,
+            singularity_margin(legs, x, work),
         ]
     )
     k = verdict.stiffness

@@ -36,7 +36,10 @@ from pcm_gym.kernels.continuation import STEP_RULES
 from pcm_gym.kernels.elliptic import LARGEST_ANGLE, sine_and_cosine
 from pcm_gym.kernels.linear import (
     JACOBI_SWEEPS,
+    Axes,
     Symmetric,
+    Vector,
+    adjugate_times,
     eigenvalues_2,
     is_diagonal,
     jacobi_sweep,
@@ -60,8 +63,8 @@ _RESIDUAL_LIMIT = 1e-12
 # Newton iterations before a lane is left to the scalar code, which may take more.
 _MOST_ITERATIONS = 5
 
-# Runs of a leg: load at the tip, input and the one to move to, clamp, what `rod` gives in the world frame, stiffness,
-# arm, right-hand side of closure, and step.
+# Runs of a leg: load at the tip, input and the one to move to, clamp, what `rod` gives in the world frame, the
+# elliptic functions in it, stiffness, arm, right-hand side of closure, and step.
 (
     G_X,
     G_Y,
@@ -85,6 +88,11 @@ _MOST_ITERATIONS = 5
     _,
     DEAD_LOAD_INDEX,
     HALF_PERIODS,
+    FUNCTIONS,
+    _,
+    _,
+    _,
+    _,
     STIFF_XX,
     STIFF_XY,
     STIFF_YY,
@@ -94,12 +102,13 @@ _MOST_ITERATIONS = 5
     RIGHT_Y,
     STEP_X,
     STEP_Y,
-) = range(0, 31 * LANES, LANES)
-_LEG_RUNS = 31
+) = range(0, 36 * LANES, LANES)
+_LEG_RUNS = 36
 
 # Runs that a lane has once: pose, cosine and sine of its angle, load, right-hand side of equilibrium, the force that
-# moves the condensed end-effector and its move, stiffness and its rotated copy, last two sizes of a correction, errors,
-# verdict, and whether the lane is sound and still moving.
+# moves the condensed end-effector and its move, stiffness, its diagonal form and the axes of that, last two sizes of a
+# correction, errors, verdict, determinant and slope that belong to its last part, and whether the lane is sound and
+# still moving.
 (
     X,
     Y,
@@ -130,6 +139,15 @@ _LEG_RUNS = 31
     _,
     _,
     _,
+    AXES,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
+    _,
     SIZE,
     PREVIOUS,
     CLOSURE_ERROR,
@@ -138,17 +156,19 @@ _LEG_RUNS = 31
     INDEX_BEFORE,
     STABILITY_MARGIN,
     SINGULARITY_MARGIN,
+    DETERMINANT,
+    SQUARED_SLOPE,
     IS_SOUND,
     IS_MOVING,
-) = range(0, 39 * LANES, LANES)
-_COMMON_RUNS = 39
+) = range(0, 50 * LANES, LANES)
+_COMMON_RUNS = 50
 
 
 class Block(NamedTuple):
     """The numbers of a block of rows: run by run, and in each run lane by lane."""
 
-    legs: Array  # (legs, 31 * LANES)
-    common: Array  # (39 * LANES,)
+    legs: Array  # (legs, 36 * LANES)
+    common: Array  # (50 * LANES,)
 
 
 @kernel
@@ -158,13 +178,15 @@ def make_block(leg_count: int) -> Block:
 
 
 @kernel
-def step_block(legs: Array, block: Block, count: int, dof: int) -> None:
-    """Move the first `count` lanes from their equilibria to their new inputs.
+def step_block(legs: Array, block: Block, count: int, dof: int) -> int:
+    """Move the first `count` lanes from their equilibria to their new inputs; return how many are computed.
 
     Set are the loads at the tips, inputs, new inputs, pose and load. Afterwards the lanes in which `IS_SOUND` is 1 are
     at the equilibrium that a natural step of `track` over the whole way accepts; the others are to be tracked alone.
     """
-    _step_lanes(legs, block, _fill_up(block, count), dof)
+    computed = _fill_up(block, count)
+    _step_lanes(legs, block, computed, dof)
+    return computed
 
 
 @kernel
@@ -190,7 +212,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
     common[IS_SOUND : IS_SOUND + count] = 1.0
     _place_clamps(legs, block, count, 0.0)
     _evaluate(legs, block, count, dof)
-    judge_block(block, count, dof)
+    _set_index(block, count)
     common[INDEX_BEFORE : INDEX_BEFORE + count] = common[INDEX : INDEX + count]
     _set_rates(legs, block, count)
     _solve(block, count)
@@ -274,7 +296,7 @@ def _evaluate(legs: Array, block: Block, count: int, dof: int) -> None:
 @kernel
 def _evaluate_leg(leg: Array, common: Array, count: int, length: float, unit_force: float) -> None:
     for lane in range(count):
-        unit, holds = rod_in_lanes(leg[G_X + lane], leg[G_Y + lane])
+        unit, functions, holds = rod_in_lanes(leg[G_X + lane], leg[G_Y + lane])
         point = placed(unit, length, unit_force, leg[CLAMP_C + lane], leg[CLAMP_S + lane])
         tip_g = (point.tip_x_gx, point.tip_x_gy, point.tip_y_gx, point.tip_y_gy)
         force_g = (point.force_x_gx, point.force_x_gy, point.force_y_gx, point.force_y_gy)
@@ -292,6 +314,11 @@ def _evaluate_leg(leg: Array, common: Array, count: int, length: float, unit_for
         leg[FORCE_G + 3 * LANES + lane] = force_g[3]
         leg[DEAD_LOAD_INDEX + lane] = point.dead_load_index
         leg[HALF_PERIODS + lane] = point.half_periods
+        leg[FUNCTIONS + lane] = functions[0]
+        leg[FUNCTIONS + LANES + lane] = functions[1]
+        leg[FUNCTIONS + 2 * LANES + lane] = functions[2]
+        leg[FUNCTIONS + 3 * LANES + lane] = functions[3]
+        leg[FUNCTIONS + 4 * LANES + lane] = functions[4]
         own = stiffness_from(tip_g, force_g)
         leg[STIFF_XX + lane] = own[0]
         leg[STIFF_XY + lane] = own[1]
@@ -301,17 +328,20 @@ def _evaluate_leg(leg: Array, common: Array, count: int, length: float, unit_for
 
 
 @formula
-def _derivatives(leg: Array, run: int, lane: int) -> Derivatives:
+def derivatives_of(leg: Array, run: int, lane: int) -> Derivatives:
+    """Return the derivatives by g that stand in four runs of a leg."""
     return leg[run + lane], leg[run + LANES + lane], leg[run + 2 * LANES + lane], leg[run + 3 * LANES + lane]
 
 
 @formula
-def _leg_stiffness(leg: Array, lane: int) -> tuple[float, float, float]:
+def leg_stiffness(leg: Array, lane: int) -> tuple[float, float, float]:
+    """Return xx, xy and yy of the stiffness of a leg."""
     return leg[STIFF_XX + lane], leg[STIFF_XY + lane], leg[STIFF_YY + lane]
 
 
 @formula
-def _symmetric(common: Array, run: int, lane: int) -> Symmetric:
+def symmetric(common: Array, run: int, lane: int) -> Symmetric:
+    """Return the matrix that stands in six runs."""
     return Symmetric(
         common[run + lane],
         common[run + LANES + lane],
@@ -328,7 +358,7 @@ def _add_stiffness(leg: Array, common: Array, count: int, attach_x: float, attac
         arm_x, arm_y = turned(common[TURN_C + lane], common[TURN_S + lane], attach_x, attach_y)
         leg[ARM_X + lane] = arm_x
         leg[ARM_Y + lane] = arm_y
-        share = stiffness_share(_leg_stiffness(leg, lane), arm_x, arm_y, leg[FORCE_X + lane], leg[FORCE_Y + lane])
+        share = stiffness_share(leg_stiffness(leg, lane), arm_x, arm_y, leg[FORCE_X + lane], leg[FORCE_Y + lane])
         common[XX + lane] += share.xx
         common[XY + lane] += share.xy
         common[YY + lane] += share.yy
@@ -395,14 +425,14 @@ def _solve(block: Block, count: int) -> None:
     for i in range(block.legs.shape[0]):
         leg = block.legs[i]
         for lane in range(count):
-            own, arm_x, arm_y = _leg_stiffness(leg, lane), leg[ARM_X + lane], leg[ARM_Y + lane]
+            own, arm_x, arm_y = leg_stiffness(leg, lane), leg[ARM_X + lane], leg[ARM_Y + lane]
             pull = condensed_pull(own, arm_x, arm_y, leg[RIGHT_X + lane], leg[RIGHT_Y + lane])
             common[PULL_X + lane] += pull[0]
             common[PULL_Y + lane] += pull[1]
             common[PULL_M + lane] += pull[2]
     for lane in range(count):
         pull_x, pull_y, pull_m = common[PULL_X + lane], common[PULL_Y + lane], common[PULL_M + lane]
-        move = solve_symmetric(_symmetric(common, XX, lane), pull_x, pull_y, pull_m)
+        move = solve_symmetric(symmetric(common, XX, lane), pull_x, pull_y, pull_m)
         common[MOVE_X + lane] = move[0]
         common[MOVE_Y + lane] = move[1]
         common[MOVE_PHI + lane] = move[2]
@@ -413,7 +443,7 @@ def _solve(block: Block, count: int) -> None:
             turn = common[MOVE_PHI + lane]
             tip_x = common[MOVE_X + lane] - leg[ARM_Y + lane] * turn - leg[RIGHT_X + lane]
             tip_y = common[MOVE_Y + lane] + leg[ARM_X + lane] * turn - leg[RIGHT_Y + lane]
-            tip_g, force_g = _derivatives(leg, TIP_G, lane), _derivatives(leg, FORCE_G, lane)
+            tip_g, force_g = derivatives_of(leg, TIP_G, lane), derivatives_of(leg, FORCE_G, lane)
             step_x, step_y = step_from_tip(tip_g, tip_x, tip_y)
             force = 1.0 + abs(leg[FORCE_X + lane]) + abs(leg[FORCE_Y + lane])
             leg[STEP_X + lane] = step_x
@@ -457,44 +487,95 @@ def _close_iteration(common: Array, count: int, largest: float) -> int:
 
 
 @kernel
-def judge_block(block: Block, count: int, dof: int) -> None:
-    """Fill Morse index, margins and error from rods, stiffness and residual."""
+def _set_index(block: Block, count: int) -> None:
+    """Fill the Morse index from rods and stiffness, by the signs of the coefficients of the characteristic polynomial.
+
+    All its roots are real: as many are negative as these signs change (Descartes).
+    """
     common = block.common
-    if dof == 3:
-        _diagonalise(common, count)
     for lane in range(count):
-        if dof == 3:
-            rotated = _symmetric(common, ROTATED, lane)
-            first, second, third = rotated.xx, rotated.yy, rotated.zz
-        else:
-            first, second = eigenvalues_2(_symmetric(common, XX, lane))
-            third = math.inf
-        negative, stability_margin, singularity_margin = judge_eigenvalues(first, second, third)
-        common[INDEX + lane] = negative
-        common[STABILITY_MARGIN + lane] = stability_margin
-        common[SINGULARITY_MARGIN + lane] = singularity_margin
-    for i in range(block.legs.shape[0]):
-        leg = block.legs[i]
-        for lane in range(count):
-            common[INDEX + lane] += leg[DEAD_LOAD_INDEX + lane] - negative_directions(_leg_stiffness(leg, lane))
+        a = symmetric(common, XX, lane)
+        trace = a.xx + a.yy + a.zz
+        minors = a.xx * a.yy - a.xy * a.xy + a.xx * a.zz - a.xz * a.xz + a.yy * a.zz - a.yz * a.yz
+        _, determinant = adjugate_times(a, 0.0, 0.0, 0.0)
+        first, second, third = trace < 0.0, minors < 0.0, determinant < 0.0
+        changes = 1.0 if first else 0.0
+        changes += 1.0 if first != second else 0.0
+        changes += 1.0 if second != third else 0.0
+        common[INDEX + lane] = changes
+    _add_rod_indices(block, count)
 
 
 @kernel
-def _diagonalise(common: Array, count: int) -> None:
-    """Fill `ROTATED` with K turned into a diagonal matrix."""
+def _add_rod_indices(block: Block, count: int) -> None:
+    common = block.common
+    for i in range(block.legs.shape[0]):
+        leg = block.legs[i]
+        for lane in range(count):
+            common[INDEX + lane] += leg[DEAD_LOAD_INDEX + lane] - negative_directions(leg_stiffness(leg, lane))
+
+
+@kernel
+def judge_block(block: Block, count: int, dof: int) -> None:
+    """Fill Morse index, stability margin, eigenvalues and axes of the stiffness from rods and stiffness."""
+    common = block.common
+    _diagonalise(common, count, dof)
+    for lane in range(count):
+        rotated = symmetric(common, ROTATED, lane)
+        first, second, third = rotated.xx, rotated.yy, rotated.zz
+        if dof == 2:
+            first, second = eigenvalues_2(symmetric(common, XX, lane))
+            third = math.inf
+        negative, stability_margin = judge_eigenvalues(first, second, third)
+        common[INDEX + lane] = negative
+        common[STABILITY_MARGIN + lane] = stability_margin
+    _add_rod_indices(block, count)
+
+
+@kernel
+def _diagonalise(common: Array, count: int, dof: int) -> None:
+    """Fill `ROTATED` with K turned into a diagonal matrix, and `AXES` with its eigenvectors, one after the other.
+
+    A matrix of two rows is diagonal after one turn.
+    """
     common[ROTATED : ROTATED + 6 * LANES] = common[XX : XX + 6 * LANES]
-    for _ in range(JACOBI_SWEEPS):
+    common[AXES : AXES + 9 * LANES] = 0.0
+    for d in range(0, 3 * LANES, LANES):
+        common[AXES + 4 * d : AXES + 4 * d + LANES] = 1.0
+    for _ in range(JACOBI_SWEEPS if dof == 3 else 1):
         left = 0
         for lane in range(count):
-            before = _symmetric(common, ROTATED, lane)
+            before, axes = symmetric(common, ROTATED, lane), axes_of(common, lane)
             is_done = is_diagonal(before)
-            after = jacobi_sweep(before)
+            after, turned_axes = jacobi_sweep(before, axes)
             common[ROTATED + lane] = before.xx if is_done else after.xx
             common[ROTATED + LANES + lane] = before.xy if is_done else after.xy
             common[ROTATED + 2 * LANES + lane] = before.yy if is_done else after.yy
             common[ROTATED + 3 * LANES + lane] = before.xz if is_done else after.xz
             common[ROTATED + 4 * LANES + lane] = before.yz if is_done else after.yz
             common[ROTATED + 5 * LANES + lane] = before.zz if is_done else after.zz
+            common[AXES + lane] = axes[0][0] if is_done else turned_axes[0][0]
+            common[AXES + LANES + lane] = axes[0][1] if is_done else turned_axes[0][1]
+            common[AXES + 2 * LANES + lane] = axes[0][2] if is_done else turned_axes[0][2]
+            common[AXES + 3 * LANES + lane] = axes[1][0] if is_done else turned_axes[1][0]
+            common[AXES + 4 * LANES + lane] = axes[1][1] if is_done else turned_axes[1][1]
+            common[AXES + 5 * LANES + lane] = axes[1][2] if is_done else turned_axes[1][2]
+            common[AXES + 6 * LANES + lane] = axes[2][0] if is_done else turned_axes[2][0]
+            common[AXES + 7 * LANES + lane] = axes[2][1] if is_done else turned_axes[2][1]
+            common[AXES + 8 * LANES + lane] = axes[2][2] if is_done else turned_axes[2][2]
             left += 0 if is_done else 1
         if left == 0:
             break
+
+
+@formula
+def axes_of(common: Array, lane: int) -> Axes:
+    """Return the eigenvectors of the stiffness of a lane."""
+    return axis_of(common, 0, lane), axis_of(common, 1, lane), axis_of(common, 2, lane)
+
+
+@formula
+def axis_of(common: Array, mode: int, lane: int) -> Vector:
+    """Return one of them."""
+    run = AXES + 3 * mode * LANES + lane
+    return common[run], common[run + LANES], common[run + 2 * LANES]

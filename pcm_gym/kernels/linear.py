@@ -10,6 +10,11 @@ from pcm_gym.kernels.compilation import formula, kernel
 
 JACOBI_SWEEPS = 10
 
+Vector = tuple[float, float, float]
+# The eigenvectors that belong to xx, yy and zz of a matrix that is being made diagonal.
+Axes = tuple[Vector, Vector, Vector]
+IDENTITY: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 
 class Symmetric(NamedTuple):
     """A symmetric 3 x 3 matrix by (x, y, z); a 2 x 2 one is its upper left corner."""
@@ -138,18 +143,22 @@ def eliminate(table: NDArray[np.float64], size: int, columns: int) -> bool:
 @formula
 def solve_symmetric(a: Symmetric, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the solution of a symmetric 3 x 3 system by its adjugate; not finite where the matrix is singular."""
+    (x, y, z), determinant = adjugate_times(a, x, y, z)
+    inverse = 1.0 / determinant
+    return x * inverse, y * inverse, z * inverse
+
+
+@formula
+def adjugate_times(a: Symmetric, x: float, y: float, z: float) -> tuple[tuple[float, float, float], float]:
+    """Return the adjugate of a symmetric 3 x 3 matrix times a vector, and the determinant; finite of any matrix."""
     c_xx = a.yy * a.zz - a.yz * a.yz
     c_xy = a.xz * a.yz - a.xy * a.zz
     c_xz = a.xy * a.yz - a.xz * a.yy
     c_yy = a.xx * a.zz - a.xz * a.xz
     c_yz = a.xy * a.xz - a.xx * a.yz
     c_zz = a.xx * a.yy - a.xy * a.xy
-    inverse = 1.0 / (a.xx * c_xx + a.xy * c_xy + a.xz * c_xz)
-    return (
-        (c_xx * x + c_xy * y + c_xz * z) * inverse,
-        (c_xy * x + c_yy * y + c_yz * z) * inverse,
-        (c_xz * x + c_yz * y + c_zz * z) * inverse,
-    )
+    product = (c_xx * x + c_xy * y + c_xz * z, c_xy * x + c_yy * y + c_yz * z, c_xz * x + c_yz * y + c_zz * z)
+    return product, a.xx * c_xx + a.xy * c_xy + a.xz * c_xz
 
 
 @formula
@@ -169,7 +178,7 @@ def eigenvalues_3(a: Symmetric) -> tuple[float, float, float]:
     for _ in range(JACOBI_SWEEPS):
         if is_diagonal(a):
             break
-        a = jacobi_sweep(a)
+        a, _ = jacobi_sweep(a, IDENTITY)
     return a.xx, a.yy, a.zz
 
 
@@ -183,7 +192,7 @@ def diagonalize(matrix: NDArray[np.float64], vectors: NDArray[np.float64]) -> No
     for _ in range(JACOBI_SWEEPS):
         for i in range(size):
             for j in range(i + 1, size):
-                c, s, _ = _rotation(matrix[i, i], matrix[j, j], matrix[i, j])
+                c, s, _ = rotation(matrix[i, i], matrix[j, j], matrix[i, j])
                 for k in range(size):
                     matrix[k, i], matrix[k, j] = (
                         c * matrix[k, i] - s * matrix[k, j],
@@ -214,22 +223,37 @@ def is_diagonal(a: Symmetric) -> bool:
 
 
 @formula
-def jacobi_sweep(a: Symmetric) -> Symmetric:
-    """Return the matrix after three rotations, each of which makes one off-diagonal element vanish."""
+def jacobi_sweep(a: Symmetric, axes: Axes) -> tuple[Symmetric, Axes]:
+    """Return the matrix after three rotations, each of which makes one off-diagonal element vanish, and turned axes."""
     xx, xy, yy, xz, yz, zz = a
-    c, s, shift = _rotation(xx, yy, xy)
+    first, second, third = axes
+    c, s, shift = rotation(xx, yy, xy)
     xx, yy = xx - shift, yy + shift
     xz, yz = c * xz - s * yz, s * xz + c * yz
-    c, s, shift = _rotation(xx, zz, xz)
+    first, second = _turned(first, second, c, s)
+    c, s, shift = rotation(xx, zz, xz)
     xx, zz = xx - shift, zz + shift
     xy, yz = -s * yz, c * yz
-    c, s, shift = _rotation(yy, zz, yz)
-    return Symmetric(xx, c * xy, yy - shift, s * xy, 0.0, zz + shift)
+    first, third = _turned(first, third, c, s)
+    c, s, shift = rotation(yy, zz, yz)
+    second, third = _turned(second, third, c, s)
+    return Symmetric(xx, c * xy, yy - shift, s * xy, 0.0, zz + shift), (first, second, third)
 
 
 @formula
-def _rotation(first: float, second: float, off: float) -> tuple[float, float, float]:
-    """Return cosine, sine and shift of the diagonal of the rotation that makes `off` vanish."""
+def _turned(first: Vector, second: Vector, c: float, s: float) -> tuple[Vector, Vector]:
+    return (
+        (c * first[0] - s * second[0], c * first[1] - s * second[1], c * first[2] - s * second[2]),
+        (s * first[0] + c * second[0], s * first[1] + c * second[1], s * first[2] + c * second[2]),
+    )
+
+
+@formula
+def rotation(first: float, second: float, off: float) -> tuple[float, float, float]:
+    """Return cosine, sine and shift of the diagonal of the rotation that makes `off` vanish.
+
+    The eigenvectors of the 2 x 2 matrix are (cosine, -sine), of `first` - shift, and (sine, cosine).
+    """
     theta = 0.5 * (second - first) / off
     t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
     t = t if off != 0.0 else 0.0

@@ -7,6 +7,7 @@ from pcm_gym.kernels.closure import LOWER, UPPER, make_workspace
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.continuation import NONE, make_line, track_in_one_step
 from pcm_gym.kernels.flood import are_same
+from pcm_gym.kernels.margin import singularity_margin
 from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_inverse_locally
 
 Array = NDArray[np.float64]
@@ -37,7 +38,8 @@ def follow_path(
             if not abs(inputs[k, i] - here_inputs[i]) <= largest_step[i]:
                 return k
         tracked = track_in_one_step(legs, here, here_inputs, load, inputs[k], line, work)
-        if tracked.event != NONE or tracked.morse_index > 0 or tracked.singularity_margin < least_margin:
+        is_stable = tracked.event == NONE and tracked.morse_index == 0
+        if not is_stable or singularity_margin(legs, here, work) < least_margin:
             return k
         if not are_same(here, x[k], leg_count):
             return k

@@ -23,6 +23,10 @@ _SERIES_LOAD = 0.05
 _SERIES_TERMS = 7
 # Beyond this load (rho = 500) exp(rho) nears the end of the floating-point range.
 _LARGEST_LOAD = 2.5e5
+# Keeps the ratio of two vanishing numbers finite.
+_LEAST_PARAMETER = 1e-300
+# Jacobi's sn, cn, dn, u - E(u) and the quarter period.
+Functions = tuple[float, float, float, float, float]
 
 
 class RodPoint(NamedTuple):
@@ -80,8 +84,8 @@ def _rod_elliptic(g_x: float, g_y: float, load: float) -> RodPoint:
 
 
 @formula
-def rod_in_lanes(g_x: float, g_y: float) -> tuple[RodPoint, bool]:
-    """Return what `rod` returns, without branches, and whether it holds for this g.
+def rod_in_lanes(g_x: float, g_y: float) -> tuple[RodPoint, Functions, bool]:
+    """Return what `rod` returns, without branches, the elliptic functions in it, and whether they hold for this g.
 
     Not for loads below 0.05 or above 2.5e5, nor for taut rods with |sin(b/2)| < 1e-6.
     """
@@ -90,7 +94,7 @@ def rod_in_lanes(g_x: float, g_y: float) -> tuple[RodPoint, bool]:
     kappa, kappa_c = tip_half_angle(g_x, g_y, load)
     functions = jacobi_in_lanes(rho, kappa, abs(kappa_c))
     holds = (load >= _SERIES_LOAD) & (load <= _LARGEST_LOAD) & (abs(kappa_c) >= LEAST_LANE_COMPLEMENT)
-    return _rod_from_functions(g_x, g_y, load, rho, kappa, kappa_c, functions), holds
+    return _rod_from_functions(g_x, g_y, load, rho, kappa, kappa_c, functions), functions, holds
 
 
 @formula
@@ -101,24 +105,12 @@ def _rod_from_functions(
     rho: float,
     kappa: float,
     kappa_c: float,
-    functions: tuple[float, float, float, float, float],
+    functions: Functions,
 ) -> RodPoint:
     """Return the rod at g by Jacobi's functions at (rho | m)."""
-    sn, cn, dn, deficit, quarter = functions
     cos_b, sin_b = g_x / load, -g_y / load
-    m = kappa * kappa
-    half_periods = 0.5 * rho / quarter
-    nd = 1.0 / dn
-    cd, sd = cn * nd, sn * nd
-
-    cos_0 = 2.0 * m * cd * cd - 1.0
-    sin_0 = 2.0 * kappa * kappa_c * cd * nd
-    beta_u = 2.0 * kappa * kappa_c * sd
-    along = (2.0 * deficit - rho + 2.0 * m * sn * cd) / rho
-    across = beta_u / rho
-    excess = m * rho - deficit  # E - (1 - m) rho
-    eta = cn + sd * excess
-    eta_u = -sn * dn + excess * cd * nd + m * sd * cn * cn
+    half_periods = 0.5 * rho / functions[4]
+    cos_0, sin_0, beta_u, along, across, eta, eta_u = _base_end(rho, kappa, kappa_c, functions)
 
     tip_x = along * cos_0 + across * sin_0
     tip_y = across * cos_0 - along * sin_0
@@ -151,6 +143,84 @@ def _rod_from_functions(
         _eta_zeros(half_periods, eta),
         half_periods,
     )
+
+
+@formula
+def _base_end(
+    rho: float, kappa: float, kappa_c: float, functions: Functions
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return cosine and sine of beta0, d beta / du there, X and Y, eta and d eta / du."""
+    sn, cn, dn, deficit, _ = functions
+    m = kappa * kappa
+    nd = 1.0 / dn
+    cd, sd = cn * nd, sn * nd
+    beta_u = 2.0 * kappa * kappa_c * sd
+    excess = m * rho - deficit  # E - (1 - m) rho
+    return (
+        2.0 * m * cd * cd - 1.0,
+        2.0 * kappa * kappa_c * cd * nd,
+        beta_u,
+        (2.0 * deficit - rho + 2.0 * m * sn * cd) / rho,
+        beta_u / rho,
+        cn + sd * excess,
+        -sn * dn + excess * cd * nd + m * sd * cn * cn,
+    )
+
+
+@formula
+def rod_bend(
+    g_x: float, g_y: float, functions: Functions, step_x: float, step_y: float
+) -> tuple[float, float, float, float]:
+    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, along a path through g.
+
+    The path leaves g with the velocity (step_x, step_y), and rho and b change along it at constant rates. `functions`
+    are those of `rod_in_lanes`, where it holds.
+    """
+    load = math.sqrt(g_x * g_x + g_y * g_y)
+    rho = math.sqrt(load)
+    kappa, kappa_c = tip_half_angle(g_x, g_y, load)
+    cos_b, sin_b = g_x / load, -g_y / load
+    rho_t, b_t = 0.5 * (cos_b * step_x - sin_b * step_y) / rho, -(sin_b * step_x + cos_b * step_y) / load
+    cos_0, sin_0, beta_u, along, across, eta, eta_u = _base_end(rho, kappa, kappa_c, functions)
+    eta_b, eta_ub = _eta_by_b(rho, kappa, kappa_c, functions)
+
+    turn = beta_u * rho_t + eta * b_t
+    turn_t = sin_0 * rho_t * rho_t + 2.0 * eta_u * rho_t * b_t + eta_b * b_t * b_t
+    x_b, x_bb = -0.5 * (beta_u * eta + rho * sin_b), -0.5 * (eta_u * eta + beta_u * eta_b + rho * cos_b)
+    along_t = (cos_0 * rho_t + x_b * b_t - along * rho_t) / rho
+    across_t = (sin_0 * rho_t + eta_u * b_t - across * rho_t) / rho
+    along_tt = (x_bb * b_t * b_t - sin_0 * (turn + eta * b_t) * rho_t - 2.0 * along_t * rho_t) / rho
+    across_tt = (eta_ub * b_t * b_t + cos_0 * (turn + eta * b_t) * rho_t - 2.0 * across_t * rho_t) / rho
+    # tip and force are turned by -beta0 into the clamp's frame
+    tip_x = along_tt + 2.0 * turn * across_t + turn_t * across - turn * turn * along
+    tip_y = across_tt - 2.0 * turn * along_t - turn_t * along - turn * turn * across
+    force_x = 2.0 * rho_t * rho_t - turn * turn * load
+    force_y = -4.0 * turn * rho * rho_t - turn_t * load
+    return (
+        tip_x * cos_0 + tip_y * sin_0,
+        tip_y * cos_0 - tip_x * sin_0,
+        force_x * cos_0 + force_y * sin_0,
+        force_y * cos_0 - force_x * sin_0,
+    )
+
+
+@formula
+def _eta_by_b(rho: float, kappa: float, kappa_c: float, functions: Functions) -> tuple[float, float]:
+    """Return the derivatives by b of eta and of d eta / du, from those of Jacobi's functions by m (DLMF 22.13(iii))."""
+    sn, cn, dn, deficit, _ = functions
+    m = kappa * kappa
+    nd = 1.0 / dn
+    cd, sd = cn * nd, sn * nd
+    excess, share = m * rho - deficit, deficit / max(m, _LEAST_PARAMETER)
+    lag = 0.5 * (rho - share - sn * cd) / (kappa_c * kappa_c)  # - (d am / dm) / dn
+    excess_m = rho - 0.5 * share - dn * dn * lag
+    eta_m = 0.5 * excess * sd * sd * sd + sd * (rho - 0.5 * share) - lag * excess * cn * nd * nd
+    sn_dn_m = lag * cn * (m * sn * sn - dn * dn) - 0.5 * sn * sn * sd
+    cd_nd_m = lag * sn * nd * (1.0 - 2.0 * m * cd * cd) + cn * sn * sn * nd * nd * nd * nd
+    sd_cn_m = lag * cn * (2.0 * sn * sn - cd * cd) + 0.5 * cn * cn * sd * sd * sd
+    eta_um = excess_m * cd * nd + excess * cd_nd_m - sn_dn_m + sd * cn * cn + m * sd_cn_m
+    m_b = -kappa * kappa_c
+    return m_b * eta_m, m_b * eta_um
 
 
 @formula

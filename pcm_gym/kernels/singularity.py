@@ -24,10 +24,9 @@ from pcm_gym.kernels.closure import (
     set_inputs,
     set_inverse_matrix,
     set_matrix,
-    solve_equilibrium_system,
 )
 from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.linear import determinant, diagonalize, null_vector
+from pcm_gym.kernels.linear import determinant, null_vector
 from pcm_gym.kernels.stability import assess_stability
 
 Array = NDArray[np.float64]
@@ -35,10 +34,6 @@ Array = NDArray[np.float64]
 # Kinds of singularity.
 FORWARD, INVERSE = range(2)
 
-# Step along the sheet, and the largest estimate of the distance from a fold.
-_TANGENT_STEP, _FARTHEST = 1e-6, 10.0
-# Stiffness, in EI / L^3, that does not vanish within a short way.
-_STIFF = 1e3
 # Half width of the central differences of the condition, in lengths and relative forces.
 _DIFFERENCE = 1e-5
 
@@ -202,65 +197,3 @@ def fold_sides(legs: Array, y: Array, distance: float) -> tuple[int, int]:
     set_unknowns(legs, y + distance * direction, work)
     second = assess_stability(legs, y[:size] + distance * direction[:size], work).morse_index
     return min(first, second), max(first, second)
-
-
-@kernel
-def estimate_fold_distance(legs: Array, y: Array, work: Workspace) -> float:
-    """Return about how far, in input space, the nearest fold of the sheet of `y` is; at most `_FARTHEST`.
-
-    Near a fold the square of an eigenvalue k of the stiffness is linear in the inputs; it would vanish at a distance of
-    |k| / (2 |grad k|), the gradient taken along the sheet, if it were linear everywhere. The least of these distances
-    over the eigenvalues is the estimate: zero at a fold, and ever better towards it. As at a pole of the stiffness k
-    grows beyond bounds within a short way, but without a fold, k is measured by sin(atan(k / `_STIFF`)). It is found as
-    the inverse of a compliance, which has no poles. Leaves the rod table beside y.
-    """
-    size, leg_count = y.shape[0] - legs.shape[0], legs.shape[0]
-    dof = size - 2 * leg_count
-    motions, scratch = np.zeros((leg_count, y.shape[0])), np.empty((2, y.shape[0]))
-    compliances, axes, slopes = np.empty((2, dof, dof)), np.empty((dof, dof)), np.zeros(dof)
-    column, beside = scratch[0, :size], scratch[1]
-    set_unknowns(legs, y, work)
-    for i in range(leg_count):
-        column[:] = 0.0
-        add_input_derivative(legs, y[:size], work, i, 1.0, column)
-        if not solve_equilibrium_system(legs, y[:size], column, work):
-            return 0.0
-        motions[i, :size] = work.step
-        motions[i, size + i] = 1.0
-        motions[i] /= metric_length(legs, motions[i], beside, work)
-    _set_compliance(legs, y[:size], work, column, compliances[0])
-    diagonalize(compliances[0], axes)
-    for i in range(leg_count):
-        for j in range(y.shape[0]):
-            beside[j] = y[j] + _TANGENT_STEP * motions[i, j]
-        set_unknowns(legs, beside, work)
-        _set_compliance(legs, beside[:size], work, column, compliances[1])
-        for k in range(dof):
-            change = 1.0 / _along(compliances[1], axes, k) - 1.0 / compliances[0, k, k]
-            slopes[k] += (change / (_TANGENT_STEP * motions[i, size + i])) ** 2
-    distance = _FARTHEST
-    for k in range(dof):
-        stiffness = abs(1.0 / compliances[0, k, k])
-        distance = min(distance, 0.5 * stiffness * (1.0 + (stiffness / _STIFF) ** 2) / math.sqrt(slopes[k]))
-    return distance
-
-
-@kernel
-def _set_compliance(legs: Array, x: Array, work: Workspace, right: Array, compliance: Array) -> None:
-    """Fill `compliance` (d, d) with the derivative of the pose by the load at the rod table."""
-    pose = 2 * legs.shape[0]
-    for k in range(compliance.shape[0]):
-        right[:] = 0.0
-        right[pose + k] = -1.0
-        solve_equilibrium_system(legs, x, right, work)
-        compliance[k] = work.step[pose:]
-
-
-@kernel
-def _along(matrix: Array, axes: Array, k: int) -> float:
-    """Return the quadratic form of `matrix` along column k of `axes`."""
-    value = 0.0
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[0]):
-            value += axes[i, k] * matrix[i, j] * axes[j, k]
-    return value

@@ -31,13 +31,12 @@ class Stability(NamedTuple):
 
     morse_index: int  # unstable directions of the total energy under the closure constraints
     stability_margin: float  # least eigenvalue of K; of a stable state, zero exactly at the loss of stability
-    singularity_margin: float  # least absolute eigenvalue of K: zero exactly at a fold
     stiffness: Symmetric  # K; of a point end-effector its upper left corner
 
 
 @kernel
 def assess_stability(legs: Array, x: Array, work: Workspace) -> Stability:
-    """Return index and margins from the rod table of the equilibrium `x`.
+    """Return index and margin from the rod table of the equilibrium `x`.
 
     index = n_minus(K) + sum (zeros of eta - n_minus(A)) over the legs (A: stiffness of one rod at its tip). The sum is
     unchanged across a pole of A, so at a pole the rods are judged a hair beside it.
@@ -65,15 +64,15 @@ def judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
         third = math.inf
     else:
         first, second, third = eigenvalues_3(matrix)
-    negative, stability_margin, singularity_margin = judge_eigenvalues(first, second, third)
-    return Stability(index + int(negative), stability_margin, singularity_margin, matrix)
+    negative, stability_margin = judge_eigenvalues(first, second, third)
+    return Stability(index + int(negative), stability_margin, matrix)
 
 
 @formula
-def judge_eigenvalues(first: float, second: float, third: float) -> tuple[float, float, float]:
-    """Return the number of negative eigenvalues of K, the least one and the least absolute one; a nan is negative."""
+def judge_eigenvalues(first: float, second: float, third: float) -> tuple[float, float]:
+    """Return the number of negative eigenvalues of K, and the least one; a nan is negative."""
     negative = (0.0 if first >= 0.0 else 1.0) + (0.0 if second >= 0.0 else 1.0) + (0.0 if third >= 0.0 else 1.0)
-    return negative, min(first, second, third), min(abs(first), abs(second), abs(third))
+    return negative, min(first, second, third)
 
 
 @formula

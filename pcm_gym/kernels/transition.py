@@ -36,13 +36,16 @@ from pcm_gym.kernels.continuation import (
     track_in_one_step,
 )
 from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
+from pcm_gym.kernels.lanes_margin import set_margins
+from pcm_gym.kernels.margin import singularity_margin
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# Loads are shown to agents as g / (_LOAD_SCALE + |g|), stiffnesses as k / (_MARGIN_SCALE + |k|): smooth and bounded.
+# Loads are shown to agents as g / (_LOAD_SCALE + |g|), stiffnesses and distances from a fold likewise: smooth, bounded.
 _LOAD_SCALE = 10.0
-_MARGIN_SCALE = 20.0
+_STIFFNESS_SCALE = 20.0
+_DISTANCE_SCALE = 0.1
 
 # A step of a walk that is refused is halved, down to this part of it, before it is tracked alone.
 _LEAST_PART = 0.25
@@ -98,7 +101,8 @@ def step_batch(
             row = rows[first + lane]
             is_cut[lane] = _set_target(legs, states.inputs[row], actions[row], stride, target)
             load_lane(states, row, target, block, lane)
-        step_block(legs, block, count, states.load.shape[1])
+        computed = step_block(legs, block, count, states.load.shape[1])
+        set_margins(legs, block, computed, states.load.shape[1])
         _see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
@@ -109,7 +113,8 @@ def step_batch(
             _store_lane(states, row, block, lane)
             for n in range(seen.shape[0]):
                 report.features[row, n] = seen[n, lane]
-            _report(row, _verdict(block.common, lane), is_cut[lane], singular_margin, report)
+            margin = block.common[lanes.SINGULARITY_MARGIN + lane]
+            _report(row, _verdict(block.common, lane), margin, is_cut[lane], singular_margin, report)
     if refused_count > 0:
         step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
 
@@ -139,7 +144,7 @@ def step_alone(
             evaluate_rods(legs, x, work)
             tracked = judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, is_cut, singular_margin, report)
+        _report(row, tracked, singularity_margin(legs, x, work), is_cut, singular_margin, report)
 
 
 @kernel
@@ -152,7 +157,7 @@ def describe_batch(legs: Array, states: States, rows: Rows, report: Report) -> N
         evaluate_rods(legs, x, work)
         tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, False, 0.0, report)
+        _report(row, tracked, singularity_margin(legs, x, work), False, 0.0, report)
         report.costs[:, row] = 0.0
 
 
@@ -199,30 +204,29 @@ def _verdict(common: Array, lane: int) -> Tracked:
         1.0,
         int(common[lanes.INDEX + lane]),
         common[lanes.STABILITY_MARGIN + lane],
-        common[lanes.SINGULARITY_MARGIN + lane],
         residual(common, lane),
     )
 
 
 @kernel
-def _report(row: int, tracked: Tracked, is_cut: bool, singular_margin: float, report: Report) -> None:
+def _report(row: int, tracked: Tracked, margin: float, is_cut: bool, singular_margin: float, report: Report) -> None:
     """Fill verdict and costs of a row, and the features that tell of its stability."""
     verdicts, costs, features = report.verdicts, report.costs, report.features[row]
     is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
     costs[UNSTABLE, row] = 1.0 if is_lost else 0.0
-    costs[SINGULAR, row] = 1.0 if tracked.singularity_margin < singular_margin else 0.0
+    costs[SINGULAR, row] = 1.0 if margin < singular_margin else 0.0
     costs[LIMIT, row] = 1.0 if is_cut else 0.0
     costs[SOLVER, row] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
     verdicts[MORSE_INDEX, row] = tracked.morse_index
     verdicts[STABILITY_MARGIN, row] = tracked.stability_margin
-    verdicts[SINGULARITY_MARGIN, row] = tracked.singularity_margin
+    verdicts[SINGULARITY_MARGIN, row] = margin
     verdicts[RESIDUAL, row] = tracked.residual
     verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdicts[FRACTION, row] = tracked.fraction
     n = features.shape[0] - STABILITY_FEATURES
     features[n] = 0.0 if is_lost else 1.0
-    features[n + 1] = tracked.stability_margin / (_MARGIN_SCALE + abs(tracked.stability_margin))
-    features[n + 2] = tracked.singularity_margin / (_MARGIN_SCALE + tracked.singularity_margin)
+    features[n + 1] = tracked.stability_margin / (_STIFFNESS_SCALE + abs(tracked.stability_margin))
+    features[n + 2] = margin / (_DISTANCE_SCALE + margin)
 
 
 @kernel
@@ -320,7 +324,7 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
     """Walk in every row towards the inputs `targets` (n, legs) in increments of at most `stride`, in place.
 
     A walk ends at its target, after `steps` (n,) steps, or before the first one that, made in quarters, would leave
-    the stable branch or come under `least_margin`. So whoever repeats the walk meets neither.
+    the stable branch or come nearer to a fold than `least_margin`. So whoever repeats the walk meets neither.
     """
     all_count, size = states.x.shape
     line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
@@ -334,7 +338,8 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
                 row = rows[first + lane]
                 _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
                 load_lane(states, row, goal, block, lane)
-            step_block(legs, block, here, states.load.shape[1])
+            computed = step_block(legs, block, here, states.load.shape[1])
+            set_margins(legs, block, computed, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
                 is_refused = block.common[lanes.IS_SOUND + lane] == 0.0
@@ -346,11 +351,17 @@ def wander(legs: Array, states: States, targets: Array, stride: Array, steps: Ro
                     _set_goal(states.inputs[row], targets[row], stride, made, goal)
                     is_kept = _wander_alone(legs, states, row, goal, least_margin, line, work)
                 else:
-                    is_kept = block.common[lanes.STABILITY_MARGIN + lane] >= least_margin
+                    is_kept = _is_kept(block.common, lane, least_margin)
                     if is_kept:
                         _store_lane(states, row, block, lane)
                 left[row] = left[row] - made if is_kept else 0.0
         count = _keep_walking(states, targets, left, rows, count)
+
+
+@formula
+def _is_kept(common: Array, lane: int, least_margin: float) -> bool:
+    is_far: bool = common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
+    return is_far and common[lanes.INDEX + lane] == 0.0
 
 
 @kernel
@@ -370,7 +381,7 @@ def _wander_alone(
     """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
     x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row]
     tracked = track_in_one_step(legs, x, inputs, load, goal, line, work)
-    if tracked.event != NONE or tracked.stability_margin < least_margin:
+    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, x, work) < least_margin:
         return False
     states.x[row], states.inputs[row] = x, inputs
     return True

@@ -6,7 +6,7 @@ from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.crossings import Crossing, find_crossings
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodState
-from pcm_gym.solving.fold_distance import NearestFold, estimate_fold_distance, nearest_fold
+from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
@@ -40,7 +40,6 @@ __all__ = [
     "UndecidedRegion",
     "build_atlas",
     "build_roadmap",
-    "estimate_fold_distance",
     "find_crossings",
     "forward_singularities",
     "home_equilibrium",

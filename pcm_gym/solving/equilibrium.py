@@ -119,7 +119,12 @@ class Equilibrium:
 
     @property
     def singularity_margin(self) -> float:
-        """Least absolute eigenvalue of the stiffness, dimensionless; zero exactly at a fold."""
+        """About how far, in input space, the nearest fold is, in rad and mean rod lengths; zero exactly at a fold.
+
+        The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
+        linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
+        fold is near it means nothing but that; it is at most 10.
+        """
         return float(self._facts[0][3])
 
     @property

@@ -69,25 +69,13 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
 
     Notes
     -----
-    Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs.
+    Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs;
+    `Equilibrium.singularity_margin` estimates the distance in microseconds.
     """
     if reach is None:
         mechanism = equilibrium.mechanism
         reach = float(np.linalg.norm((mechanism.upper_limits - mechanism.lower_limits) / mechanism.units.inputs))
     return _Search(equilibrium, positive_number("reach", reach)).run()
-
-
-def estimate_fold_distance(equilibrium: Equilibrium) -> float:
-    """Return about how far, in input space, the nearest fold is: the cheap stand-in for `nearest_fold`.
-
-    It extrapolates the squared eigenvalues of the stiffness, which are linear in the inputs near a fold, to zero: exact
-    in the limit, and within a factor of a few in general. Where no fold is near it means nothing but that; it is at
-    most 10, in rad and mean rod lengths. Costs some microseconds.
-    """
-    mechanism = equilibrium.mechanism
-    unknowns = np.concatenate([equilibrium.state, equilibrium.inputs / mechanism.units.inputs])
-    work = make_workspace(mechanism.leg_count, mechanism.state_size)
-    return float(singularity.estimate_fold_distance(mechanism.leg_table, unknowns, work))
 
 
 class _Search:

@@ -38,7 +38,7 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     elements += [
         Element("is_stable", "1 while the equilibrium is stable, 0 once stability is lost", "1", 0.0, 1.0),
         Element("stability_margin", "s / (20 + |s|), s = least eigenvalue of the stiffness", "EI = L = 1", -1.0, 1.0),
-        Element("singularity_margin", "s / (20 + s), s = least absolute eigenvalue of it", "EI = L = 1", 0.0, 1.0),
+        Element("singularity_margin", "d / (0.1 + d), d = estimated distance of the nearest fold", "input", 0.0, 1.0),
     ]
     return tuple(elements)
 

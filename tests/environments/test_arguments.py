@@ -39,7 +39,7 @@ BAD_ARGUMENTS = [
     ("singular_margin", 0.0),
     ("singular_margin", -1.0),
     ("singular_margin", np.inf),
-    ("singular_margin", None),
+    ("singular_margin", "near"),
     ("render_mode", "ansi"),
 ]
 BAD_BATCH_ARGUMENTS = [

@@ -76,7 +76,7 @@ class TestSolverShield:
             assert ours[4] == {**theirs[4], "shielded": False}
 
     def test_replacement_is_no_farther_from_the_action_than_standing_still(self) -> None:
-        env = SolverShield(gymnasium.make("PCM/2RFR-Reach-v0"), least_margin=3.0)
+        env = SolverShield(gymnasium.make("PCM/2RFR-Reach-v0"), least_margin=0.2)
         replaced = 0
         for seed in range(12):
             env.reset(seed=seed)
@@ -85,7 +85,7 @@ class TestSolverShield:
             for _ in range(50):
                 before = env.unwrapped.equilibrium
                 *_, terminated, truncated, info = env.step(action)
-                if info["shielded"] and before.singularity_margin > 3.0:
+                if info["shielded"] and before.singularity_margin > 0.2:
                     replaced += 1
                     steps, mechanism = env.unwrapped.max_action, before.mechanism
                     target = np.clip(before.inputs + steps * action, mechanism.lower_limits, mechanism.upper_limits)
@@ -94,7 +94,7 @@ class TestSolverShield:
                     assert np.linalg.norm(taken - wanted) <= np.linalg.norm(wanted) + 1e-6
                     tracked = BranchTracker(before.mechanism, before).step(env.unwrapped.equilibrium.inputs)
                     assert tracked.event is Event.NONE
-                    assert tracked.equilibrium.singularity_margin > 1.0
+                    assert tracked.equilibrium.singularity_margin > 0.2 * (1.0 - 1e-6)
                 if terminated or truncated:
                     break
         assert replaced > 5

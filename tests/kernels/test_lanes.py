@@ -11,7 +11,8 @@ import pytest
 
 import pcm_gym
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.simulation import Settings, Simulation
+from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels import threads
 from pcm_gym.kernels.elliptic import sine_and_cosine
 from pcm_gym.kernels.rod import RodPoint, rod, rod_in_lanes
@@ -36,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 @numba.njit(error_model="numpy")
 def all_in_lanes(g: np.ndarray, out: np.ndarray, holds: np.ndarray) -> None:
     for n in range(len(g)):
-        point, holds[n] = rod_in_lanes(g[n, 0], g[n, 1])
+        point, _, holds[n] = rod_in_lanes(g[n, 0], g[n, 1])
         for k in range(14):
             out[n, k] = point[k]
 
@@ -95,14 +96,14 @@ def test_mask_leaves_out_what_only_the_scalar_rod_can_do(g: tuple[float, float])
 
 
 def test_formulas_are_the_same_without_compilation() -> None:
-    point, holds = rod_in_lanes.py_func(3.0, -4.0)  # type: ignore[attr-defined]
+    point, _, holds = rod_in_lanes.py_func(3.0, -4.0)  # type: ignore[attr-defined]
     assert holds
     np.testing.assert_allclose(RodPoint(*point), rod(3.0, -4.0), rtol=1e-13)
 
 
 def simulation_of(name: str, rows: int, *, is_loaded: bool, thread_count: int = 1) -> Simulation:
     load = LOADS[name] if is_loaded else None
-    settings = Settings.from_arguments(name, "dense", "terminate", load, None, 0.02, 1.0)
+    settings = Settings.from_arguments(name, load=load)
     simulation = Simulation(settings, rows, thread_count)
     simulation.reset_rows(np.arange(rows), [np.random.default_rng(row) for row in range(rows)], None)
     return simulation
@@ -117,7 +118,7 @@ def stepped(simulation: Simulation, states: States, actions: np.ndarray, blocks:
     stride = settings.max_action / settings.mechanism.units.inputs
     report = simulation._empty_report()
     for rows in blocks:
-        step_batch(settings.mechanism.leg_table, states, rows, actions, stride, 1.0, report)
+        step_batch(settings.mechanism.leg_table, states, rows, actions, stride, settings.singular_margin, report)
     return report
 
 
@@ -130,27 +131,31 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
     simulation = simulation_of(name, count, is_loaded=is_loaded)
     mechanism = simulation.settings.mechanism
     legs, stride = mechanism.leg_table, simulation.settings.max_action / mechanism.units.inputs
+    threshold = simulation.settings.singular_margin
     held = generator.choice([-1.0, 1.0], (count, mechanism.leg_count))
     events, same = np.zeros(len(EVENTS), dtype=int), 0
     for _ in range(30):
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
-        alone, expected, found = copied(simulation.states), simulation._empty_report(), simulation._empty_report()
+        alone, expected, found = copied(simulation.rows.states), simulation._empty_report(), simulation._empty_report()
         for rows, factor in ((np.arange(1, count, 2), 1.0), (np.arange(0, count, 2), 2.0)):
-            step_batch(legs, simulation.states, rows, actions, factor * stride, 1.0, found)
-            step_alone(legs, alone, rows, actions, factor * stride, 1.0, expected)
+            step_batch(legs, simulation.rows.states, rows, actions, factor * stride, threshold, found)
+            step_alone(legs, alone, rows, actions, factor * stride, threshold, expected)
         for row in (MORSE_INDEX, EVENT):
             np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
         np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)
         np.testing.assert_array_equal(found.costs, expected.costs)
-        np.testing.assert_array_equal(simulation.states.inputs, alone.inputs)
-        same += ((simulation.states.x == alone.x).all(axis=1) & (found.verdicts[EVENT] == 0)).sum()
+        np.testing.assert_array_equal(simulation.rows.states.inputs, alone.inputs)
+        same += ((simulation.rows.states.x == alone.x).all(axis=1) & (found.verdicts[EVENT] == 0)).sum()
         scale = 1.0 + np.abs(alone.x).max(axis=1, keepdims=True)
         # both end when the next correction would be below 1e-13; near a pole of a rod's stiffness lanes may keep errors
         # of closure and force of up to 1e-12
-        assert (np.abs(simulation.states.x - alone.x) / scale).max() < 1e-11
+        assert (np.abs(simulation.rows.states.x - alone.x) / scale).max() < 1e-11
         assert found.verdicts[RESIDUAL].max() < 1e-11
         is_calm = expected.verdicts[RESIDUAL] < 1e-12
-        np.testing.assert_allclose(found.features[is_calm], expected.features[is_calm], rtol=0.0, atol=1e-6)
+        features, expected_features = found.features[is_calm], expected.features[is_calm]
+        np.testing.assert_allclose(features[:, :-1], expected_features[:, :-1], rtol=0.0, atol=1e-6)
+        # the margin is a derivative of the stiffness, which multiplies rounding errors once more near a pole
+        np.testing.assert_allclose(features[:, -1], expected_features[:, -1], rtol=0.0, atol=1e-4)
         events += np.bincount(found.verdicts[EVENT].astype(int), minlength=len(EVENTS))
     assert same < 0.5 * events[0], "most rows must go in lock-step, or nothing is compared"
     assert events[1:].sum() > 0
@@ -162,11 +167,11 @@ def test_rows_do_not_depend_on_their_neighbours(name: str) -> None:
     count, generator = 1000, np.random.default_rng(3)
     simulation = simulation_of(name, count, is_loaded=True)
     actions = generator.uniform(-1.0, 1.0, (count, simulation.settings.mechanism.leg_count))
-    whole = copied(simulation.states)
+    whole = copied(simulation.rows.states)
     expected = stepped(simulation, whole, actions, [np.arange(count)])
     for size in (1, 2, 7, 8, 9, 64, 65, 1000):
         order = generator.permutation(count)
-        states = copied(simulation.states)
+        states = copied(simulation.rows.states)
         report = stepped(simulation, states, actions, [order[n : n + size] for n in range(0, count, size)])
         for found, array in zip((*states, *report), (*whole, *expected), strict=True):
             assert found.tobytes() == array.tobytes(), size

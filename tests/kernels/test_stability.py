@@ -96,12 +96,11 @@ def test_stiffness_is_the_second_derivative_of_the_energy(cases: list[Case]) -> 
         assert error < STIFFNESS_TOL * scale, describe(case)
 
 
-def test_margins_are_eigenvalues_of_the_stiffness(cases: list[Case]) -> None:
+def test_margin_is_the_least_eigenvalue_of_the_stiffness(cases: list[Case]) -> None:
     for case in cases:
         eigenvalues = np.linalg.eigvalsh(case.discrete_stiffness / case.equilibrium.mechanism.units.stiffness)
         tolerance = STIFFNESS_TOL * np.abs(eigenvalues).max()
         assert case.equilibrium.stability_margin == pytest.approx(eigenvalues.min(), abs=tolerance)
-        assert case.equilibrium.singularity_margin == pytest.approx(np.abs(eigenvalues).min(), abs=tolerance)
 
 
 def test_discretisation_has_converged(cases: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,7 +194,6 @@ def test_verdict_leaves_the_rod_table_as_it_was(state: list[float]) -> None:
     np.testing.assert_array_equal(x, state)
     assert assess_stability(legs, x, work) == first
     assert math.isfinite(first.stability_margin)
-    assert math.isfinite(first.singularity_margin)
 
 
 def test_nan_is_neither_in_balance_nor_stable() -> None:

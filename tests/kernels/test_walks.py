@@ -17,6 +17,7 @@ from pcm_gym.kernels.continuation import (
     make_line,
     track,
 )
+from pcm_gym.kernels.margin import singularity_margin
 from pcm_gym.solving import Equilibrium
 from tests.reference.mechanisms import FAMILIES, home_by_construction
 
@@ -75,7 +76,11 @@ def walk(
                 load_target = load_start + part * load_steps[w, s]
                 tracked = track(legs, x, inputs, load, inputs_target, load_target, False, line, work)
                 walks.residuals[w] = max(walks.residuals[w], tracked.residual)
-                event, fraction, margin = tracked.event, (n + tracked.fraction) / substeps, tracked.singularity_margin
+                event, fraction, margin = (
+                    tracked.event,
+                    (n + tracked.fraction) / substeps,
+                    singularity_margin(legs, x, work),
+                )
                 if event != NONE:
                     break
             walks.events[w], walks.steps[w], walks.fractions[w], walks.margins[w] = event, s + 1, fraction, margin
@@ -170,8 +175,8 @@ def test_every_stop_is_explained(outcome: Outcome) -> None:
         assert not np.any(walks.events == SOLVER_FAILURE)
         stopped = np.isin(walks.events, (FOLD, INDEX_CHANGE))
         assert np.array_equal(stopped, (walks.steps < walks.steps.max()) | stopped)
-        # the fold is located along the arc to 1e-11, where a margin of some hundred falls as the root of the rest
-        assert np.all(walks.margins[stopped] < 1e-2)
+        # the fold is located along the arc to 1e-11
+        assert np.all(walks.margins[stopped] < 1e-8)
 
 
 def test_fractions_are_parts_of_the_step(outcome: Outcome) -> None:
@@ -184,7 +189,7 @@ def test_half_steps_end_the_same(outcome: Outcome) -> None:
     """Same event in the same step at the same place. A fold less than 1e-6 before a target may count either way."""
     whole, halved = outcome.whole, outcome.halved
     differs = (whole.events != halved.events) | (whole.steps != halved.steps)
-    near_fold = np.minimum(whole.margins, halved.margins) < 1e-3
+    near_fold = np.minimum(whole.margins, halved.margins) < 1e-6
     near_target = (np.abs(whole.fractions - 1.0) < 1e-6) | (np.abs(halved.fractions - 1.0) < 1e-6)
     assert np.flatnonzero(differs & ~(near_fold & near_target)).tolist() == []
     assert differs.sum() <= 2

@@ -1,17 +1,19 @@
 """The distance to the nearest fold: against tracked rays, singular curves, and the normal form of a fold."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
-from pcm_gym.mechanism import Mechanism, get_mechanism
+from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Rod, get_mechanism
 from pcm_gym.solving import (
     BranchTracker,
     Equilibrium,
     Event,
-    estimate_fold_distance,
     forward_singularities,
     home_equilibrium,
     nearest_fold,
@@ -88,13 +90,14 @@ class TestNearestFold:
                 continue
             assert np.linalg.norm(fold.inputs - state.inputs) == pytest.approx(fold.distance, rel=1e-12)
             assert fold.equilibrium.residual < 1e-11
-            assert fold.equilibrium.singularity_margin < 1e-5
+            assert fold.equilibrium.singularity_margin < 1e-9
             before = unlimited(state)
             step = BranchTracker(before.mechanism, before).step(
                 state.inputs + 0.999999 * fold.distance * fold.direction
             )
             assert step.event is Event.NONE
-            assert estimate_fold_distance(step.equilibrium) < 1e-3
+            # a millionth of the way is left, which the margin tells to a part of the order of its root
+            assert step.equilibrium.singularity_margin == pytest.approx(1e-6 * fold.distance, rel=0.3)
 
     def test_between_parallel_rails_it_is_the_distance_from_a_line(self) -> None:
         """The folds at parallel rails are lines: the distance is that of a point from a line."""
@@ -119,8 +122,10 @@ class TestNearestFold:
             nearest_fold(home_equilibrium(get_mechanism("2RFR")), 0.0)
 
 
-class TestEstimate:
-    @pytest.mark.parametrize(("name", "count"), [("2PFR", 20), ("3PFR", 3)])
+class TestMargin:
+    """`singularity_margin`, the estimate, against the exact distance."""
+
+    @pytest.mark.parametrize(("name", "count"), [("2RFR", 20), ("2PFR", 20), ("3PFR", 3)])
     def test_its_error_vanishes_towards_the_fold(self, name: str, count: int) -> None:
         compared = 0
         for state in stable_states(name, count, 8):
@@ -132,22 +137,55 @@ class TestEstimate:
                 way = (fold.distance - distance) * fold.direction * state.mechanism.units.inputs
                 step = BranchTracker(start.mechanism, start).step(state.inputs + way)
                 assert step.event is Event.NONE
-                errors.append(abs(estimate_fold_distance(step.equilibrium) / distance - 1.0))
+                errors.append(abs(step.equilibrium.singularity_margin / distance - 1.0))
             compared += 1
             # the error goes with the square root of the distance: a tenth for a hundredth
             assert errors[1] < 0.2 * errors[0] + 1e-3
             assert errors[2] < 0.01
         assert compared > 2
 
+    @pytest.mark.parametrize(("name", "count"), [("2RFR", 100), ("2PFR", 100), ("3PFR", 20)])
+    def test_it_ranks_states_as_the_exact_distance_does(self, name: str, count: int) -> None:
+        """Better than the least eigenvalue, whose correlation with it is negative for a platform."""
+        margins, softest, distances = [], [], []
+        for state in stable_states(name, count, 10):
+            fold = nearest_fold(state)
+            if fold is not None:
+                margins.append(state.singularity_margin)
+                softest.append(state.stability_margin)
+                distances.append(fold.distance)
+        assert len(margins) > count // 3
+        correlation = spearmanr(margins, distances).statistic
+        assert correlation > max(0.5, 0.2 + spearmanr(softest, distances).statistic)
+
     @pytest.mark.parametrize("name", ["2RFR", "2PFR"])
     def test_it_is_nothing_at_a_fold(self, name: str) -> None:
         for curve in forward_singularities(get_mechanism(name), index=0, grid=4, progress=False):
-            assert max(estimate_fold_distance(curve.equilibrium(k)) for k in range(0, len(curve), 5)) < 1e-6
+            assert max(curve.equilibrium(k).singularity_margin for k in range(0, len(curve), 5)) < 1e-6
 
     @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])
     def test_it_is_finite_and_positive_elsewhere(self, name: str) -> None:
         for state in [home_equilibrium(get_mechanism(name)), *stable_states(name, 40, 9)]:
-            assert 0.0 < estimate_fold_distance(state) <= 10.0
+            assert 0.0 < state.singularity_margin <= 10.0
+
+    @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])
+    def test_it_has_no_unit(self, name: str) -> None:
+        """A mechanism thrice as large, of rods seven times as stiff, is as far from its folds."""
+        state, scale = stable_states(name, 1, 11)[0], 3.0
+        mechanism, legs = state.mechanism, []
+        for leg in mechanism.legs:
+            changes: dict[str, Any] = {"base": tuple(scale * x for x in leg.actuator.base)}
+            is_rail = isinstance(leg.actuator, Prismatic)
+            if is_rail:
+                changes["limits"] = tuple(scale * x for x in leg.actuator.limits)
+            actuator = replace(leg.actuator, **changes)
+            rod = Rod(scale * leg.rod.length, 7.0 * leg.rod.bending_stiffness)
+            legs.append(Leg(actuator, rod, tuple(scale * x for x in leg.attachment)))
+        larger = Mechanism("larger", tuple(legs))
+        inputs = state.inputs * (scale if is_rail else 1.0)
+        same = Equilibrium(larger, state.state, inputs, state.load)
+        assert same.residual < 1e-12
+        assert same.singularity_margin == pytest.approx(state.singularity_margin, rel=1e-6)
 
     def test_straight_rods_are_no_fold(self) -> None:
         """Two straight unloaded rods: the stiffness has a pole there, the distance none."""
@@ -161,5 +199,5 @@ class TestEstimate:
         )
         assert straight.residual < 1e-14
         beside = BranchTracker(mechanism, straight).step(straight.inputs + np.array([1e-4, 2e-4])).equilibrium
-        assert estimate_fold_distance(straight) > 0.1
-        assert estimate_fold_distance(straight) == pytest.approx(estimate_fold_distance(beside), rel=0.01)
+        assert straight.singularity_margin > 0.1
+        assert straight.singularity_margin == pytest.approx(beside.singularity_margin, rel=0.01)

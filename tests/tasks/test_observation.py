@@ -47,7 +47,7 @@ def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, fl
     return result | {
         "is_stable": float(is_stable),
         "stability_margin": stability / (20.0 + abs(stability)),
-        "singularity_margin": singularity / (20.0 + singularity),
+        "singularity_margin": singularity / (0.1 + singularity),
     }
 
 
@@ -62,7 +62,9 @@ def test_elements_are_what_they_are_said_to_be(name: str) -> None:
             elements = dict(zip(names, observation["observation"], strict=True))
             equilibrium = env.equilibrium
             for element, value in expected_elements(equilibrium, not terminated).items():
-                tolerance = 1e-6 if "margin" in element and terminated else 1e-9
+                # the margin of singularity is had from differences here, and at a fold that of stability falls steeply
+                is_rough = element == "singularity_margin" or (element == "stability_margin" and terminated)
+                tolerance = 1e-6 if is_rough else 1e-9
                 assert elements.pop(element) == pytest.approx(value, abs=tolerance), element
             for n, rod in enumerate(equilibrium.rods, start=1):
                 across = elements.pop(f"tip_load_across_{n}")
@@ -104,7 +106,7 @@ def test_elements_are_continuous_along_branches(name: str) -> None:
     for coarse in sweeping_actions(40, env.action_space.shape, seed=3, hold=8):
         for action, is_fine in ((coarse, False), (1e-3 * coarse, True)):
             before = observation["observation"]
-            calm = calm & (infos["singularity_margin"] > 20.0)
+            calm = calm & (infos["singularity_margin"] > 0.02)
             observation, _, terminated, truncated, infos = env.step(action)
             ended = terminated | truncated
             if is_fine:

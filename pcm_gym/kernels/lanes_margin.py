@@ -1,0 +1,160 @@
+"""The singularity margin of many rows in lock-step: that of `margin`, with vector instructions.
+
+The rods are condensed here. The gradient of v' K v at fixed v, by the pose and by the inputs, is carried along the
+sheet by one more solution for each eigenvector v, whatever the number of inputs.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels.closure import (
+    AXIS_X,
+    AXIS_Y,
+    LENGTH,
+    STIFFNESS,
+    TURN,
+    step_from_tip,
+    turned,
+)
+from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.lanes import (
+    ARM_X,
+    ARM_Y,
+    CLAMP_C,
+    CLAMP_S,
+    DETERMINANT,
+    FORCE_X,
+    FORCE_Y,
+    FUNCTIONS,
+    G_X,
+    G_Y,
+    LANES,
+    MOVE_PHI,
+    MOVE_X,
+    MOVE_Y,
+    PULL_M,
+    PULL_X,
+    PULL_Y,
+    RIGHT_X,
+    RIGHT_Y,
+    ROTATED,
+    SINGULARITY_MARGIN,
+    SQUARED_SLOPE,
+    STEP_X,
+    TIP_G,
+    TIP_X,
+    TIP_Y,
+    XX,
+    Block,
+    axis_of,
+    derivatives_of,
+    leg_stiffness,
+    symmetric,
+)
+from pcm_gym.kernels.linear import adjugate_times
+from pcm_gym.kernels.margin import FARTHEST, STIFF
+from pcm_gym.kernels.rod import rod_bend
+
+Array = NDArray[np.float64]
+
+# Keeps the ratio of two vanishing numbers finite.
+_LEAST_SLOPE = 1e-300
+# The runs of steps are free here: derivatives of v' K v by tip of the rod and by the turn of its clamp.
+_BY_TIP_X, _BY_TIP_Y, _BY_TURN = RIGHT_X, RIGHT_Y, STEP_X
+
+
+@kernel
+def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
+    """Fill the singularity margin of lanes that are evaluated and judged; leaves their verdict and error alone."""
+    common = block.common
+    common[SINGULARITY_MARGIN : SINGULARITY_MARGIN + count] = FARTHEST
+    for mode in range(dof):
+        common[PULL_X : PULL_X + count] = 0.0
+        common[PULL_Y : PULL_Y + count] = 0.0
+        common[PULL_M : PULL_M + count] = 0.0
+        for i in range(legs.shape[0]):
+            length = legs[i, LENGTH]
+            _differentiate(block.legs[i], common, count, mode, length, legs[i, STIFFNESS] / (length * length))
+        _carry_along(common, count)
+        for i in range(legs.shape[0]):
+            _add_slope(block.legs[i], common, count, legs[i, AXIS_X], legs[i, AXIS_Y], legs[i, TURN])
+        _close_mode(common, count, mode)
+
+
+@kernel
+def _differentiate(leg: Array, common: Array, count: int, mode: int, length: float, unit_force: float) -> None:
+    """Fill the derivatives of v' K v that come from one leg, and add that by the pose."""
+    for lane in range(count):
+        move_x, move_y, turn = axis_of(common, mode, lane)
+        arm_x, arm_y = leg[ARM_X + lane], leg[ARM_Y + lane]
+        force_x, force_y = leg[FORCE_X + lane], leg[FORCE_Y + lane]
+        a_xx, a_xy, a_yy = leg_stiffness(leg, lane)
+        tip_x, tip_y = move_x - turn * arm_y, move_y + turn * arm_x
+        pull_x, pull_y = a_xx * tip_x + a_xy * tip_y, a_xy * tip_x + a_yy * tip_y
+        step_x, step_y = step_from_tip(derivatives_of(leg, TIP_G, lane), tip_x, tip_y)
+        functions = (
+            leg[FUNCTIONS + lane],
+            leg[FUNCTIONS + LANES + lane],
+            leg[FUNCTIONS + 2 * LANES + lane],
+            leg[FUNCTIONS + 3 * LANES + lane],
+            leg[FUNCTIONS + 4 * LANES + lane],
+        )
+        bend = rod_bend(leg[G_X + lane], leg[G_Y + lane], functions, step_x, step_y)
+        cosine, sine = leg[CLAMP_C + lane], leg[CLAMP_S + lane]
+        bend_x, bend_y = turned(length * cosine, length * sine, bend[0], bend[1])
+        by_tip_x, by_tip_y = turned(unit_force * cosine, unit_force * sine, bend[2], bend[3])
+        # with the end-effector the arm turns, and the tip leaves its straight line
+        bend_x, bend_y = bend_x + turn * turn * arm_x, bend_y + turn * turn * arm_y
+        by_tip_x -= a_xx * bend_x + a_xy * bend_y
+        by_tip_y -= a_xy * bend_x + a_yy * bend_y
+        moment = turn * turn * (arm_x * force_y - arm_y * force_x)
+        leg[_BY_TIP_X + lane] = by_tip_x
+        leg[_BY_TIP_Y + lane] = by_tip_y
+        leg[_BY_TURN + lane] = moment - 2.0 * (pull_y * tip_x - pull_x * tip_y)
+        common[PULL_X + lane] += by_tip_x
+        common[PULL_Y + lane] += by_tip_y
+        by_arm = arm_x * (by_tip_y - 2.0 * turn * pull_x) - arm_y * (by_tip_x + 2.0 * turn * pull_y)
+        common[PULL_M + lane] += by_arm - moment
+
+
+@kernel
+def _carry_along(common: Array, count: int) -> None:
+    """Fill the move with the adjugate of K times the derivative by the pose: finite at a fold too."""
+    for lane in range(count):
+        pull_x, pull_y, pull_m = common[PULL_X + lane], common[PULL_Y + lane], common[PULL_M + lane]
+        move, determinant = adjugate_times(symmetric(common, XX, lane), pull_x, pull_y, pull_m)
+        common[MOVE_X + lane] = move[0]
+        common[MOVE_Y + lane] = move[1]
+        common[MOVE_PHI + lane] = move[2]
+        common[DETERMINANT + lane] = determinant
+        common[SQUARED_SLOPE + lane] = 0.0
+
+
+@kernel
+def _add_slope(leg: Array, common: Array, count: int, axis_x: float, axis_y: float, turn: float) -> None:
+    """Add the squared derivative by the input of one leg along the sheet, times the squared determinant of K."""
+    for lane in range(count):
+        arm_x, arm_y = leg[ARM_X + lane], leg[ARM_Y + lane]
+        hinge_x = common[MOVE_X + lane] - arm_y * common[MOVE_PHI + lane]
+        hinge_y = common[MOVE_Y + lane] + arm_x * common[MOVE_PHI + lane]
+        rate_x, rate_y = axis_x - turn * leg[TIP_Y + lane], axis_y + turn * leg[TIP_X + lane]
+        a_xx, a_xy, a_yy = leg_stiffness(leg, lane)
+        pull_x = a_xx * rate_x + a_xy * rate_y + turn * leg[FORCE_Y + lane]
+        pull_y = a_xy * rate_x + a_yy * rate_y - turn * leg[FORCE_X + lane]
+        direct = turn * leg[_BY_TURN + lane] - leg[_BY_TIP_X + lane] * rate_x - leg[_BY_TIP_Y + lane] * rate_y
+        slope = hinge_x * pull_x + hinge_y * pull_y + common[DETERMINANT + lane] * direct
+        common[SQUARED_SLOPE + lane] += slope * slope
+
+
+@kernel
+def _close_mode(common: Array, count: int, mode: int) -> None:
+    """Reduce the margin to that of one eigenvalue, which stands at xx, yy or zz of the diagonal matrix."""
+    run = ROTATED + (0, 2, 5)[mode] * LANES
+    for lane in range(count):
+        stiffness = common[run + lane]
+        ratio = stiffness / STIFF
+        distance = 0.5 * abs(stiffness * common[DETERMINANT + lane]) * (1.0 + ratio * ratio)
+        slope = max(math.sqrt(common[SQUARED_SLOPE + lane]), distance / FARTHEST, _LEAST_SLOPE)
+        common[SINGULARITY_MARGIN + lane] = min(common[SINGULARITY_MARGIN + lane], distance / slope)
