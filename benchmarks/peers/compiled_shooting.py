@@ -81,7 +81,9 @@ def _solve(target: Any, unknowns: Any, tip: Any, work: Any, jacobian: Any, resid
         unknowns -= correction
         if np.abs(correction).max() < _LAST_CORRECTION:
             for i in range(2):
-                by_unknowns = end_1[6 + i] * correction[0] + end_1[10 + i] * correction[1] + end_1[14 + i] * correction[2]
+                by_unknowns = (
+                    end_1[6 + i] * correction[0] + end_1[10 + i] * correction[1] + end_1[14 + i] * correction[2]
+                )
                 tip[i] = end_1[2 + i] - by_unknowns
             return True
     return False

@@ -20,19 +20,17 @@ class Peer:
 
     Attributes
     ----------
-    name : str
     prepare : callable
         Takes the place on the path where to begin, or one for each row, (rows,). Returns the step: from the next
         inputs, (2,) or (rows, 2), to the tips there, of the same shape. Raises ImportError without its package.
     setup : str
         How it was set up, in a line; the reasons stand in its module.
     tells : str
-        What it says of stability, branch and other solutions.
+        What a step says beside the tip: of stability, of the branch.
     rows : int
         Mechanisms that step together, each elsewhere on the path.
     """
 
-    name: str
     prepare: Callable[[Places], Step]
     setup: str
     tells: str
@@ -42,7 +40,8 @@ class Peer:
 def follow(peer: Peer, seconds: float) -> Measure:
     """Return a measure of steps per second around the path, and of the largest distance from the exact tips, in L.
 
-    A measurement goes on where the last one ended, for `seconds` and at least one step: slow peers see part of the path.
+    A measurement lasts `seconds` and at least one step, and goes on where the last one ended. Slow peers see a part of
+    the path.
     """
     path = exact_path()
     places = (np.arange(STEPS)[:, None] + np.arange(peer.rows)) % STEPS

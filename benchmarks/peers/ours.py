@@ -26,9 +26,7 @@ def home() -> Equilibrium:
 def prepare_batch(places: Places) -> Step:
     """Return the step of a native batch; each row is first led to its place on the path."""
     start, on_path = home(), inputs_on_path()
-    env = gymnasium.make_vec(
-        _ENVIRONMENT, len(places), "vector_entry_point", threads=1, **_settings(start.mechanism)
-    )
+    env = gymnasium.make_vec(_ENVIRONMENT, len(places), "vector_entry_point", threads=1, **_settings(start.mechanism))
     env.reset(options={"equilibrium": start})
     step = _stepping(env, np.tile(start.inputs, (len(places), 1)))
     for place in range(STEPS):
