@@ -51,13 +51,13 @@ FOLLOWERS = {
         partial(mujoco_chain.prepare, links=50, steps=8), "armature in proportion, 8 mj_step to settle", _AT_REST
     ),
     "PyElastica loop, 20 elements": Peer(
-        partial(elastica_loop.prepare, elements=20, radius=0.03, settling=0.4),
+        partial(elastica_loop.prepare, elements=20, radius=0.03, damping=12.0, settling=0.4),
         "radius 0.03 L, damping 12, 0.4 units of time to settle",
         _AT_REST,
     ),
     "PyElastica loop, 50 elements": Peer(
-        partial(elastica_loop.prepare, elements=50, radius=0.015, settling=0.6),
-        "radius 0.015 L, damping 12, 0.6 units of time to settle",
+        partial(elastica_loop.prepare, elements=50, radius=0.015, damping=15.0, settling=0.6),
+        "radius 0.015 L, damping 15, 0.6 units of time to settle",
         _AT_REST,
     ),
 }

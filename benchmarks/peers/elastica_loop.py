@@ -1,17 +1,18 @@
 """PyElastica: two Cosserat rods in a loop, relaxed to rest after each increment.
 
-* Time goes on from increment to increment, as in any use of a dynamic simulator; nothing is started anew.
-* The rods are as thick as the wanted error allows, for the thickness sets the largest stable time step: with
-  EI = L = 1 a radius r means EA = 4 / r^2, and stretch and shear move the tip. With r = 0.03 and 20 elements the error
-  at rest is about 7e-4 L, as with 20 links of MuJoCo; with r = 0.015 and 50 elements about 1e-4 L, as with 50 links.
+* Units are EI = L = 1, and mass 1 per length. Time goes on from increment to increment, as in any use of a dynamic
+  simulator; nothing is started anew.
+* The rods are as thick as the wanted error allows, for the thickness sets the largest stable time step: a
+  radius r means EA = 4 / r^2, and stretch and shear move the tip. With r = 0.03 and 20 elements the error
+  at rest is about 7e-4 L, as with 20 links of MuJoCo; with r = 0.015 and 50 elements about 2e-4 L.
 * Rotary inertia is raised until shear waves ask for no smaller time step than axial ones; rest is not changed by it.
   The time step is 0.72 of what the axial waves allow.
 * A fixed director clamps the middle of the first element, so a rod begins half an element behind its clamp: the error
   falls with the number of elements squared. From the clamp itself, as in the examples, it falls with the number alone.
 * `FreeJoint` holds the tips with half of the stiffness of an element, which needs no smaller time step.
-* `AnalyticalLinearDamper` with the constant, of 5 to 30, that brought the loop to rest soonest.
 * After an increment a fixed time follows, which costs less than looking whether all is at rest: the shortest that
   leaves the error of the path near that of the loop at rest.
+* `AnalyticalLinearDamper` with the constant, of 5 to 30, that brought the loop nearest to rest in that time.
 """
 
 import math
@@ -21,8 +22,6 @@ import numpy as np
 from benchmarks.peers.following import Places, Step
 from benchmarks.peers.problem import BASES, HOME, Array, inputs_on_path
 
-# Time and mass: EI = L = 1, mass 1 per length.
-_DAMPING = 12.0
 _PART_OF_LIMIT = 0.72
 _RAMP, _REST = 1.0, 4.0  # time from straight rods to the place on the path, and at rest there
 _RAMP_PARTS = 200
@@ -34,7 +33,7 @@ def _frame(angle: float) -> Array:
     return np.stack([out, np.cross(tangent, out), tangent])
 
 
-def prepare(place: Places, elements: int, radius: float, settling: float) -> Step:
+def prepare(place: Places, elements: int, radius: float, damping: float, settling: float) -> Step:
     """Return the step of two rods of `elements` elements each, which have the time `settling` to come to rest."""
     import elastica
 
@@ -88,7 +87,7 @@ def prepare(place: Places, elements: int, radius: float, settling: float) -> Ste
             constrained_position_idx=(0,),
             constrained_director_idx=(0,),
         )
-        loop.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=_DAMPING, time_step=time_step)
+        loop.dampen(rod).using(elastica.AnalyticalLinearDamper, uniform_damping_constant=damping, time_step=time_step)
         rods.append(rod)
         clamps.append((position, directors))
     loop.connect(*rods, first_connect_idx=-1, second_connect_idx=-1).using(

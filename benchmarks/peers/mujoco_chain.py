@@ -21,7 +21,7 @@ from benchmarks.peers.following import Places, Step
 from benchmarks.peers.problem import BASES, HOME, Array, inputs_on_path
 
 _TIME_STEP = 0.5
-_DAMPING = 2.0  # of a hinge, in its stiffness
+_DAMPING = 1.5  # of a hinge, in its stiffness
 _ARMATURE = 1.0  # the same
 _MASS = 1e-3  # of a rod
 _RADIUS = 0.01  # of the links, which only show
