@@ -1,4 +1,4 @@
-"""The command line: ``python -m benchmarks environments`` and ``python -m benchmarks kinematics``."""
+"""The command line: ``python -m benchmarks environments``, ``... kinematics`` and ``... peers``."""
 
 import itertools
 import json
@@ -15,6 +15,7 @@ from benchmarks import report
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
+from benchmarks.peers import catalogue, table
 from benchmarks.problems import MECHANISMS, make_problems
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
@@ -93,6 +94,35 @@ def kinematics(
     report.print_tables(console, tables)
     report.print_searches(console, results, seconds)
     _write(console, json_path, {"machine": machine}, results | {"tables": tables})
+
+
+@app.command()
+def peers(
+    only: Annotated[
+        list[str] | None, typer.Option(help="Part of a peer's name; may be given several times. Ours always run.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 5,
+    seconds: Annotated[float, typer.Option(min=0.01, help="Length of one measurement.")] = 1.0,
+    json_path: JsonPath = None,
+    page: Annotated[Path | None, typer.Option(help="Page whose marked part is written anew.")] = None,
+) -> None:
+    """Measure one small step of the 2RFR beside other simulators and solvers, and its error beside theirs.
+
+    About four minutes, half of which others take to compile.
+    """
+    names = [name for name in catalogue.PEERS if only is None or any(part.lower() in name.lower() for part in only)]
+    if not names:
+        raise typer.BadParameter(f"must be part of one of {list(catalogue.PEERS)}, got {only}", param_hint="--only")
+    console, machine = _start()
+    with Progress(console=console, transient=True) as progress:
+        making = progress.add_task("peers made ready", total=len(catalogue.OURS) + len(names))
+        ready = catalogue.prepare(names, seconds, lambda: progress.advance(making))
+        found = _run(progress, "peers", ready.measures, repeats)
+    table.print_peers(console, found, ready.setups, ready.absent)
+    _write(console, json_path, {"machine": machine, "absent": ready.absent, "setups": ready.setups}, {"peers": found})
+    if page is not None:
+        table.write_page(page, machine, found, ready.setups, ready.absent)
+        console.print(f"Table written to {page}")
 
 
 def _start() -> tuple[Console, dict[str, str]]:
