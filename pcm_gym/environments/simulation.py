@@ -185,10 +185,10 @@ class Simulation:
         present: Array = goals[self.rows.elapsed[row] % len(goals)]
         return present
 
-    def step(self, actions: Array, generators: Generators) -> Outcome:
+    def step(self, actions: Array, generators: Generators = ()) -> Outcome:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment.
 
-        The generators, one for each row, are the source of what the sensors add.
+        The generators, one for each row, are the source of noise where the sensors have any.
         """
         report = self._empty_report()
         moves, finish = self._moves(self._all, actions)

@@ -562,11 +562,11 @@ def scaled(mechanism: pcm_gym.Mechanism, length: float, stiffness: float) -> pcm
     return pcm_gym.Mechanism("scaled", legs, home_inputs, home_pose)
 
 
-@pytest.mark.parametrize(("length", "stiffness", "tolerance"), [(4.0, 0.5, 0.0), (0.07, 31.0, 1e-8)])
+@pytest.mark.parametrize(("length", "stiffness", "tolerance"), [(4.0, 0.5, 0.0), (0.07, 31.0, 1e-9)])
 def test_units_do_not_matter(environment_id: str, length: float, stiffness: float, tolerance: float) -> None:
-    """Powers of two leave every bit; other factors round differently, and steps magnify that.
+    """Powers of two leave every bit; other factors round differently, and a step magnifies that a little.
 
-    Most of all in the singularity margin, a quotient of derivatives of the energy up to the third.
+    More so in the singularity margin: it is a quotient of derivatives of the energy up to the third.
     """
     load = np.array([0.02, -0.05])
     env = make_bare(environment_id, load=load)
@@ -576,9 +576,13 @@ def test_units_do_not_matter(environment_id: str, length: float, stiffness: floa
         load=load * stiffness,
         success_distance=env.success_distance * length,
     )
+    names = [element.name for element in env.elements]
     for first, second in zip(roll_single(env, 2, 60), roll_single(other, 2, 60), strict=True):
         for (path, value), (_, found) in zip(leaves(first[:-1]), leaves(second[:-1]), strict=True):
-            np.testing.assert_allclose(found, value, rtol=0.0, atol=tolerance, err_msg=path)
+            bound = np.full(np.shape(value), tolerance)
+            if path == "/0/observation":
+                bound[names.index("singularity_margin")] *= 1000.0
+            assert (np.abs(np.subtract(found, value)) <= bound).all(), path
         for key in ("is_success", "cost", "index", "event"):
             assert first[-1][key] == second[-1][key], key
         # the stiffness, tens of EI / L^2, changes up to hundreds of times faster than the state
