@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from benchmarks.timing import Measure
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.kernels.instability import TERMINATE
 from pcm_gym.kernels.lanes import IS_SOUND, LANES, judge_block, make_block, step_block
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.kernels.transition import COST_ROWS, VERDICT_ROWS, Report, States, load_lane, step_alone, step_batch
@@ -144,9 +145,9 @@ def step_parts(environment_id: str) -> Measure:
         "blocks": lambda: _in_blocks(legs, simulation.states, targets, refused, 0),
         "verdicts": lambda: _in_blocks(legs, simulation.states, targets, refused, 2 * _REPEATS),
         "loading": lambda: _in_blocks(legs, simulation.states, targets, refused, -1),
-        "alone": lambda: step_alone(legs, simulation.states, refused_rows, actions, stride, 1.0, report),
-        "kernel": lambda: step_batch(legs, simulation.states, every_row, actions, stride, 1.0, report),
-        "all_alone": lambda: step_alone(legs, simulation.states, every_row, actions, stride, 1.0, report),
+        "alone": lambda: step_alone(legs, simulation.states, refused_rows, actions, stride, TERMINATE, 1.0, report),
+        "kernel": lambda: step_batch(legs, simulation.states, every_row, actions, stride, TERMINATE, 1.0, report),
+        "all_alone": lambda: step_alone(legs, simulation.states, every_row, actions, stride, TERMINATE, 1.0, report),
         "total": lambda: env.step(actions),
     }
 

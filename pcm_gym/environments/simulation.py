@@ -1,18 +1,20 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.kernels.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
     COST_ROWS,
     EVENT,
     LIMIT,
+    LOST,
     MORSE_INDEX,
     RESIDUAL,
     SINGULAR,
@@ -39,7 +41,8 @@ Mask = NDArray[np.bool_]
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
-_INSTABILITY_BEHAVIOURS = ("terminate",)
+# What may happen where stability is lost, and the kernels' codes.
+_BEHAVIOURS = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
@@ -52,6 +55,7 @@ class Settings:
     ----------
     mechanism : Mechanism
     task : ReachTask
+    on_instability : "terminate", "snap", "hold" or "continue"
     load : array (d,)
         Load on the end-effector in the mechanism's units.
     max_action : array (legs,)
@@ -62,6 +66,7 @@ class Settings:
 
     mechanism: Mechanism
     task: ReachTask
+    on_instability: str
     load: Array
     max_action: Array
     singular_margin: float
@@ -82,7 +87,7 @@ class Settings:
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        one_of("on_instability", on_instability, _INSTABILITY_BEHAVIOURS)
+        one_of("on_instability", on_instability, tuple(_BEHAVIOURS))
         if max_action is None:
             steps = default_max_action(mechanism)
         else:
@@ -95,6 +100,7 @@ class Settings:
         return cls(
             mechanism=mechanism,
             task=ReachTask(mechanism, reward_type, success_distance),
+            on_instability=on_instability,
             load=mechanism.check_load(load),
             max_action=steps,
             singular_margin=positive_number("singular_margin", singular_margin),
@@ -106,11 +112,11 @@ class Outcome(NamedTuple):
 
     observation: dict[str, Array]
     reward: Array  # (n,)
-    terminated: Mask  # (n,): stability was lost
+    terminated: Mask  # (n,): stability was lost, and what comes of it is not followed
     failed: Mask  # (n,): the solver failed
     success: Mask  # (n,)
     costs: Array  # (4, n)
-    verdicts: Array  # (6, n)
+    verdicts: Array  # (7, n)
 
     def row_info(self, row: int) -> dict[str, Any]:
         """Return the info of one row, in Python's own types."""
@@ -148,7 +154,7 @@ class Outcome(NamedTuple):
 
 
 class Simulation:
-    """The states and goals of `count` mechanisms that step together, and which of them have lost stability.
+    """The states and goals of `count` mechanisms that step together, and whose episode a loss of stability has ended.
 
     Parameters
     ----------
@@ -193,7 +199,7 @@ class Simulation:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
         report = self._empty_report()
         run_all(self._step_jobs(self._rows, actions, report), self._threads)
-        self.lost = report.costs[UNSTABLE] > 0.0
+        self.lost = report.verdicts[LOST] > 0.0
         return self._outcome(report, self.goals.copy())
 
     def step_and_reset(self, actions: Array, begun: Mask, generators: Sequence[np.random.Generator]) -> Outcome:
@@ -202,7 +208,7 @@ class Simulation:
         stepped = np.flatnonzero(~begun)
         begin = partial(self.reset_rows, rows, generators, None)
         run_all([begin, *self._step_jobs(stepped, actions, report)], self._threads if self.count >= LEAST_ROWS else 1)
-        self.lost[stepped] = report.costs[UNSTABLE, stepped] > 0.0
+        self.lost[stepped] = report.verdicts[LOST, stepped] > 0.0
         self._describe(rows, report)
         outcome = self._outcome(report, self.goals.copy())
         outcome.reward[rows] = 0.0
@@ -210,9 +216,10 @@ class Simulation:
 
     def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
         legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
+        behaviour = _BEHAVIOURS[self.settings.on_instability]
 
         def step(first: int, last: int) -> None:
-            step_batch(legs, self.states, rows[first:last], actions, self._stride, margin, report)
+            step_batch(legs, self.states, rows[first:last], actions, self._stride, behaviour, margin, report)
 
         return pieces_of(step, len(rows), self._threads)
 
@@ -238,13 +245,13 @@ class Simulation:
         task, costs = self.settings.task, report.costs
         achieved = task.goals_from_features(report.features)
         rewards, successes = task.score(achieved, goals)
-        is_lost = costs[UNSTABLE] > 0.0
+        is_stable = report.features[:, -STABILITY_FEATURES] > 0.0
         return Outcome(
             {"observation": report.features, "achieved_goal": achieved, "desired_goal": goals},
             rewards,
-            is_lost,
+            report.verdicts[LOST] > 0.0,
             costs[SOLVER] > 0.0,
-            successes & ~is_lost,
+            successes & is_stable,
             costs,
             report.verdicts,
         )
@@ -268,7 +275,8 @@ class Simulation:
         Raises
         ------
         ValueError
-            If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
+            If an option is unknown, of wrong shape, or cannot be met on stable equilibria; with "continue" the
+            equilibrium may be unstable, and what is reached from it too.
         """
         options = options or {}
         for name in options:
@@ -284,7 +292,13 @@ class Simulation:
         margin = settings.singular_margin
         if "equilibrium" in options or "inputs" in options:
             start = self._start_from(options)
-            episodes = task.sample_goals(start, self._stride, margin, generators, self._threads)
+            is_stable = options.get("equilibrium", self._free_home).is_stable
+            episodes = task.sample_goals(
+                start if is_stable else self._home, self._stride, margin, generators, self._threads
+            )
+            if not is_stable:  # its goal is stable none the less
+                there = start.repeated(len(generators))
+                episodes = replace(episodes, x=there.x, inputs=there.inputs, load=there.load)
         else:
             home = self._home_under(options["load"]) if "load" in options else self._home
             episodes = task.sample_episodes(home, self._stride, margin, generators, self._threads)
@@ -304,7 +318,7 @@ class Simulation:
         start = options.get("equilibrium", self._free_home)
         if not isinstance(start, Equilibrium) or start.mechanism != mechanism:
             raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
-        if not start.is_stable:
+        if not start.is_stable and self.settings.on_instability != "continue":
             raise ValueError(f"option equilibrium must be stable, got index {start.index}")
         if not start.within_limits:
             raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")

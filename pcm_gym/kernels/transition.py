@@ -25,16 +25,15 @@ from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.continuation import (
     ACTUATOR_LIMIT,
     FOLD,
-    INDEX_CHANGE,
     NONE,
     SOLVER_FAILURE,
     Line,
     Tracked,
     judge,
     make_line,
-    track,
     track_in_one_step,
 )
+from pcm_gym.kernels.instability import CONTINUE, HOLD, TERMINATE, advance, is_instability
 from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
 
 Array = NDArray[np.float64]
@@ -48,8 +47,8 @@ _MARGIN_SCALE = 20.0
 _LEAST_PART = 0.25
 
 # Rows of the verdicts on states, one column per environment.
-MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION = range(6)
-VERDICT_ROWS = 6
+MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION, LOST = range(7)
+VERDICT_ROWS = 7
 # Rows of the costs of steps.
 UNSTABLE, SINGULAR, LIMIT, SOLVER = range(4)
 COST_ROWS = 4
@@ -69,7 +68,7 @@ class States(NamedTuple):
 class Report(NamedTuple):
     """What is told about the states of a batch after a step."""
 
-    verdicts: Array  # (6, n)
+    verdicts: Array  # (7, n)
     costs: Array  # (4, n)
     features: Array  # (n, m)
 
@@ -81,13 +80,14 @@ def step_batch(
     rows: Rows,
     actions: Array,
     stride: Array,
+    behaviour: int,
     singular_margin: float,
     report: Report,
 ) -> None:
     """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times `stride`, in place.
 
-    Inputs beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `report` in these
-    rows. What becomes of a row does not depend on which others are stepped with it.
+    Inputs beyond an actuator's limit are cut. Rows that would lose stability do as `behaviour` says, see `instability`.
+    A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on which others are stepped with it.
     """
     block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
     seen, is_cut = np.empty((report.features.shape[1], LANES)), np.empty(LANES, np.bool_)
@@ -109,9 +109,9 @@ def step_batch(
             _store_lane(states, row, block, lane)
             for n in range(seen.shape[0]):
                 report.features[row, n] = seen[n, lane]
-            _report(row, _verdict(block.common, lane), is_cut[lane], singular_margin, report)
+            _report(row, _verdict(block.common, lane), is_cut[lane], behaviour, singular_margin, report)
     if refused_count > 0:
-        step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
+        step_alone(legs, states, refused[:refused_count], actions, stride, behaviour, singular_margin, report)
 
 
 @kernel
@@ -121,6 +121,7 @@ def step_alone(
     rows: Rows,
     actions: Array,
     stride: Array,
+    behaviour: int,
     singular_margin: float,
     report: Report,
 ) -> None:
@@ -132,14 +133,14 @@ def step_alone(
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, inputs, actions[row], stride, target)
-        tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
-        if tracked.event == SOLVER_FAILURE:
+        tracked = advance(legs, x, inputs, load, target, behaviour, line, work)
+        if tracked.event == SOLVER_FAILURE or (behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
             set_inputs(legs, inputs, work)
             evaluate_rods(legs, x, work)
-            tracked = judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
+            tracked = judge(legs, x, load, tracked.event, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, is_cut, singular_margin, report)
+        _report(row, tracked, is_cut, behaviour, singular_margin, report)
 
 
 @kernel
@@ -152,7 +153,7 @@ def describe_batch(legs: Array, states: States, rows: Rows, report: Report) -> N
         evaluate_rods(legs, x, work)
         tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, False, 0.0, report)
+        _report(row, tracked, False, TERMINATE, 0.0, report)
         report.costs[:, row] = 0.0
 
 
@@ -205,11 +206,11 @@ def _verdict(common: Array, lane: int) -> Tracked:
 
 
 @kernel
-def _report(row: int, tracked: Tracked, is_cut: bool, singular_margin: float, report: Report) -> None:
+def _report(row: int, tracked: Tracked, is_cut: bool, behaviour: int, singular_margin: float, report: Report) -> None:
     """Fill verdict and costs of a row, and the features that tell of its stability."""
     verdicts, costs, features = report.verdicts, report.costs, report.features[row]
-    is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
-    costs[UNSTABLE, row] = 1.0 if is_lost else 0.0
+    is_unstable = tracked.morse_index > 0
+    costs[UNSTABLE, row] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
     costs[SINGULAR, row] = 1.0 if tracked.singularity_margin < singular_margin else 0.0
     costs[LIMIT, row] = 1.0 if is_cut else 0.0
     costs[SOLVER, row] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
@@ -219,10 +220,17 @@ def _report(row: int, tracked: Tracked, is_cut: bool, singular_margin: float, re
     verdicts[RESIDUAL, row] = tracked.residual
     verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdicts[FRACTION, row] = tracked.fraction
+    verdicts[LOST, row] = 1.0 if _ends(tracked.event, behaviour) else 0.0
     n = features.shape[0] - STABILITY_FEATURES
-    features[n] = 0.0 if is_lost else 1.0
+    features[n] = 0.0 if is_unstable or verdicts[LOST, row] > 0.0 else 1.0
     features[n + 1] = tracked.stability_margin / (_MARGIN_SCALE + abs(tracked.stability_margin))
     features[n + 2] = tracked.singularity_margin / (_MARGIN_SCALE + tracked.singularity_margin)
+
+
+@formula
+def _ends(event: int, behaviour: int) -> bool:
+    """Return whether the event ends the episode: the mechanism would leave the state, and is not followed further."""
+    return ((behaviour == TERMINATE) & is_instability(event)) | ((behaviour == CONTINUE) & (event == FOLD))
 
 
 @kernel

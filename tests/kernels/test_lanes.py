@@ -117,7 +117,7 @@ def stepped(simulation: Simulation, states: States, actions: np.ndarray, blocks:
     stride = settings.max_action / settings.mechanism.units.inputs
     report = simulation._empty_report()
     for rows in blocks:
-        step_batch(settings.mechanism.leg_table, states, rows, actions, stride, 1.0, report)
+        step_batch(settings.mechanism.leg_table, states, rows, actions, stride, TERMINATE, 1.0, report)
     return report
 
 
@@ -136,8 +136,8 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
         alone, expected, found = copied(simulation.states), simulation._empty_report(), simulation._empty_report()
         for rows, factor in ((np.arange(1, count, 2), 1.0), (np.arange(0, count, 2), 2.0)):
-            step_batch(legs, simulation.states, rows, actions, factor * stride, 1.0, found)
-            step_alone(legs, alone, rows, actions, factor * stride, 1.0, expected)
+            step_batch(legs, simulation.states, rows, actions, factor * stride, TERMINATE, 1.0, found)
+            step_alone(legs, alone, rows, actions, factor * stride, TERMINATE, 1.0, expected)
         for row in (MORSE_INDEX, EVENT):
             np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
         np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)
