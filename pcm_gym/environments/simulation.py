@@ -42,7 +42,7 @@ Mask = NDArray[np.bool_]
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 # What may happen where stability is lost, and the kernels' codes.
-_BEHAVIOURS = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
+BEHAVIOURS = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
@@ -87,7 +87,7 @@ class Settings:
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        one_of("on_instability", on_instability, tuple(_BEHAVIOURS))
+        one_of("on_instability", on_instability, tuple(BEHAVIOURS))
         if max_action is None:
             steps = default_max_action(mechanism)
         else:
@@ -216,7 +216,7 @@ class Simulation:
 
     def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
         legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
-        behaviour = _BEHAVIOURS[self.settings.on_instability]
+        behaviour = BEHAVIOURS[self.settings.on_instability]
 
         def step(first: int, last: int) -> None:
             step_batch(legs, self.states, rows[first:last], actions, self._stride, behaviour, margin, report)

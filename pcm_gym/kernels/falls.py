@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.closure import Workspace
 from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.moving_rods import make_grid, make_moving_rods
-from pcm_gym.kernels.relaxation import LANDED, Relaxed, RelaxationRules, relax
+from pcm_gym.kernels.relaxation import LANDED, RelaxationRules, Relaxed, relax
 
 Array = NDArray[np.float64]
 

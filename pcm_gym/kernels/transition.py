@@ -87,7 +87,8 @@ def step_batch(
     """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times `stride`, in place.
 
     Inputs beyond an actuator's limit are cut. Rows that would lose stability do as `behaviour` says, see `instability`.
-    A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on which others are stepped with it.
+    A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
+    which others are stepped with it.
     """
     block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
     seen, is_cut = np.empty((report.features.shape[1], LANES)), np.empty(LANES, np.bool_)

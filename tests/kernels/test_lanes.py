@@ -14,6 +14,7 @@ from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.simulation import Settings, Simulation
 from pcm_gym.kernels import threads
 from pcm_gym.kernels.elliptic import sine_and_cosine
+from pcm_gym.kernels.instability import TERMINATE
 from pcm_gym.kernels.rod import RodPoint, rod, rod_in_lanes
 from pcm_gym.kernels.transition import (
     EVENT,
