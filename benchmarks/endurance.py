@@ -83,6 +83,15 @@ class Tally:
     def per_100_000(self, event: Event) -> float:
         return 1e5 * self.events[event.value] / max(self.steps, 1)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the figures, as JSON takes them."""
+        return {
+            **vars(self),
+            "events": dict(self.events),
+            "contradictions": dict(self.contradictions),
+            "cases": len(self.cases),
+        }
+
 
 def make_batch(environment_id: str, on_instability: str, step_size: float, num_envs: int) -> MechanismVectorEnv:
     """Return a native batch whose rows are reset by hand; `step_size` is in terms of the default increments."""

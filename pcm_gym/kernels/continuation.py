@@ -257,8 +257,8 @@ def _correct_on_branch(legs: Array, line: Line, fraction: float, index: int, wor
 @kernel
 def _cross(legs: Array, x: Array, line: Line, fraction: float, reach: float, work: Workspace) -> float:
     """Step over a change of index with the tangent before it; return the fraction reached, or the old one."""
-    step = _LEAST_CROSSING
-    while fraction < reach and step < _LEAST_NATURAL_STEP:
+    end, step = fraction, _LEAST_CROSSING
+    while end < reach:
         end = min(fraction + step, reach)
         _go_to(legs, line, fraction, work)
         evaluate_rods(legs, x, work)

@@ -45,6 +45,8 @@ def advance(
     before it; with `SNAP` only before a bifurcation that the target is too little beyond for a fall; with `CONTINUE`
     only at a fold. After a solver failure `x` and `inputs` mean nothing.
     """
+    if _is_there(inputs, target):
+        return _stand_still(legs, x, inputs, load, NONE, 1.0, work)
     if behaviour == SNAP:
         return _advance_falling(legs, x, inputs, load, target, line, work)
     tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
@@ -61,23 +63,41 @@ def _advance_falling(
     legs: Array, x: Array, inputs: Array, load: Array, target: Array, line: Line, work: Workspace
 ) -> Tracked:
     first_event = NONE
-    for _ in range(_MOST_FALLS + 1):
+    for _ in range(_MOST_FALLS):
         tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
+        if tracked.event == SOLVER_FAILURE:
+            return tracked
         if not is_instability(tracked.event):
-            event = first_event if tracked.event != SOLVER_FAILURE and first_event != NONE else tracked.event
-            return judge(legs, x, load, event, tracked.fraction, work)
+            return judge(legs, x, load, tracked.event if first_event == NONE else first_event, 1.0, work)
         first_event = tracked.event if first_event == NONE else first_event
-        relaxed, _ = fall(legs, x, inputs, load, work)
-        status = relaxed.status
+        status = fall(legs, x, inputs, load, work)[0].status
         if status == STAYED and tracked.event == INDEX_CHANGE:
             status = _fall_beyond(legs, x, inputs, load, target, line, work)
             if status == STAYED:
-                set_inputs(legs, inputs, work)
-                evaluate_rods(legs, x, work)
-                return judge(legs, x, load, first_event, tracked.fraction, work)
+                return _stand_still(legs, x, inputs, load, first_event, tracked.fraction, work)
         if status != LANDED:
             break
+        if _is_there(inputs, target):
+            return _stand_still(legs, x, inputs, load, first_event, 1.0, work)
     return judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
+
+
+@kernel
+def _is_there(inputs: Array, target: Array) -> bool:
+    for i in range(inputs.shape[0]):
+        if inputs[i] != target[i]:
+            return False
+    return True
+
+
+@kernel
+def _stand_still(
+    legs: Array, x: Array, inputs: Array, load: Array, event: int, fraction: float, work: Workspace
+) -> Tracked:
+    """Return the verdict on a state whose rod table may be another one's; near a singular point a step could fail."""
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
+    return judge(legs, x, load, event, fraction, work)
 
 
 @kernel
@@ -88,20 +108,16 @@ def _fall_beyond(legs: Array, x: Array, inputs: Array, load: Array, target: Arra
     beyond it that the stable branches are still nearer than any disturbance.
     """
     beyond, inputs_beyond, goal = np.empty(x.shape[0]), np.empty(inputs.shape[0]), np.empty(inputs.shape[0])
-    status = STAYED
     for part in _PARTS_BEYOND:
         beyond[:], inputs_beyond[:] = x, inputs
         for i in range(inputs.shape[0]):
             goal[i] = target[i] if part == 1.0 else inputs[i] + part * (target[i] - inputs[i])
         tracked = track(legs, beyond, inputs_beyond, load, goal, load.copy(), True, line, work)
-        if tracked.event == SOLVER_FAILURE:
-            return SOLVER_FAILURE
-        if tracked.morse_index > 0 or tracked.event == FOLD:
-            status = fall(legs, beyond, inputs_beyond, load, work)[0].status
-        else:
-            status = LANDED if tracked.event == NONE else STAYED
+        if tracked.morse_index == 0 and (part < 1.0 or tracked.event != NONE):
+            continue
+        status = fall(legs, beyond, inputs_beyond, load, work)[0].status if tracked.morse_index > 0 else LANDED
         if status == LANDED:
             x[:], inputs[:] = beyond, inputs_beyond
         if status != STAYED:
-            break
-    return status
+            return status
+    return STAYED
