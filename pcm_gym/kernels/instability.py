@@ -84,10 +84,10 @@ def _advance_falling(
 
 @kernel
 def _is_there(inputs: Array, target: Array) -> bool:
+    is_there = True
     for i in range(inputs.shape[0]):
-        if inputs[i] != target[i]:
-            return False
-    return True
+        is_there = is_there and inputs[i] == target[i]
+    return is_there
 
 
 @kernel
