@@ -135,7 +135,7 @@ def endurance(
     report.print_endurance(console, tallies)
     if json_path is not None:
         json_path.write_text(
-            json.dumps({"machine": machine, "endurance": [asdict(t) for t in tallies]}, indent=2) + "\n"
+            json.dumps({"machine": machine, "endurance": [tally.as_dict() for tally in tallies]}, indent=2) + "\n"
         )
         console.print(f"Figures written to {json_path}")
     if any(tally.cases for tally in tallies):

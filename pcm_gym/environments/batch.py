@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.environments.simulation import Mask, Settings, Simulation
+from pcm_gym.environments.simulation import Mask, OnInstability, Settings, Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation, single_spaces
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
@@ -43,7 +43,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         threads: int | None = None,
         mechanism: Mechanism | str = "2RFR",
         reward_type: RewardType = "dense",
-        on_instability: str = "terminate",
+        on_instability: OnInstability = "terminate",
         load: ArrayLike | None = None,
         max_action: ArrayLike | None = None,
         success_distance: float = 0.02,

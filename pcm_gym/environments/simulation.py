@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,11 +38,12 @@ from pcm_gym.tasks.reach import RewardType
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+OnInstability = Literal["terminate", "snap", "hold", "continue"]
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 # What may happen where stability is lost, and the kernels' codes.
-BEHAVIOURS = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
+BEHAVIOURS: dict[OnInstability, int] = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
@@ -66,7 +67,7 @@ class Settings:
 
     mechanism: Mechanism
     task: ReachTask
-    on_instability: str
+    on_instability: OnInstability
     load: Array
     max_action: Array
     singular_margin: float
@@ -76,7 +77,7 @@ class Settings:
         cls,
         mechanism: Mechanism | str,
         reward_type: RewardType,
-        on_instability: str,
+        on_instability: OnInstability,
         load: ArrayLike | None,
         max_action: ArrayLike | None,
         success_distance: float,
@@ -177,6 +178,7 @@ class Simulation:
         self._threads = threads
         self._units = mechanism.units
         self._stride = settings.max_action / self._units.inputs
+        self._behaviour = BEHAVIOURS[settings.on_instability]
         self._free_home = home_equilibrium(mechanism)
         self._home = self._home_under(settings.load)
         self._feature_count = len(observation_elements(mechanism))
@@ -199,8 +201,9 @@ class Simulation:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
         report = self._empty_report()
         run_all(self._step_jobs(self._rows, actions, report), self._threads)
-        self.lost = report.verdicts[LOST] > 0.0
-        return self._outcome(report, self.goals.copy())
+        outcome = self._outcome(report, self.goals.copy())
+        self.lost = outcome.terminated.copy()
+        return outcome
 
     def step_and_reset(self, actions: Array, begun: Mask, generators: Sequence[np.random.Generator]) -> Outcome:
         """Begin new episodes in the rows `begun` (n,), each with its generator, without reward, and step the others."""
@@ -216,7 +219,7 @@ class Simulation:
 
     def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
         legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
-        behaviour = BEHAVIOURS[self.settings.on_instability]
+        behaviour = self._behaviour
 
         def step(first: int, last: int) -> None:
             step_batch(legs, self.states, rows[first:last], actions, self._stride, behaviour, margin, report)

@@ -48,8 +48,8 @@ NOW, START, CHANGE = range(3)
 
 _MOST_CORRECTIONS, _LAST_CORRECTION = 8, 1e-6
 # A correction of an angle, rad, and its ratio to the one before, beyond which Newton's method is given up. It may rise
-# once: the first correction also has to find the forces.
-_LARGEST_CORRECTION, _LARGEST_RISE = 0.5, 2.0
+# once: the first correction also has to find the forces. Of small corrections the ratio says nothing.
+_LARGEST_CORRECTION, _LARGEST_RISE, _SMALL_CORRECTION = 0.5, 2.0, 0.01
 
 
 class Grid(NamedTuple):
@@ -250,7 +250,7 @@ def find_minimum(legs: Array, load: Array, hardness: float, moving: MovingRods, 
             moving.pose[NOW, d] += moving.pose[CHANGE, d]
         if size < _LAST_CORRECTION:
             return True
-        if size > min(_LARGEST_CORRECTION, _LARGEST_RISE * previous):
+        if size > min(_LARGEST_CORRECTION, max(_LARGEST_RISE * previous, _SMALL_CORRECTION)):
             return False
         previous = size
     return False
