@@ -23,7 +23,7 @@ from benchmarks.problems import MECHANISMS, make_problems
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
-from pcm_gym.environments.simulation import BEHAVIOURS
+from pcm_gym.environments.settings import BEHAVIOURS
 
 Results = dict[str, dict[str, Summary]]
 
@@ -124,7 +124,8 @@ def endurance(
             print_json(data={**asdict(case), "now": case.repeat()})
         return
     console, machine = _start()
-    ids = [name for name in pcm_gym.environment_ids() if not mechanisms or any(part in name for part in mechanisms)]
+    names = mechanisms or pcm_gym.mechanism_names()
+    ids = [name for name in pcm_gym.environment_ids() if name in {f"PCM/{own}-Reach-v0" for own in names}]
     chosen = list(itertools.product(ids, behaviours or BEHAVIOURS))
     tallies = []
     with Progress(console=console, transient=True) as progress:

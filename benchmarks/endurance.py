@@ -61,7 +61,7 @@ class Case:
         """Make the step again; return its info."""
         env = make_batch(self.environment_id, self.on_instability, self.step_size, 1)
         env.reset(seed=self.seed)
-        for array, values in zip(env._simulation.states, (self.x, self.inputs, self.load), strict=True):
+        for array, values in zip(env._simulation.rows.states, (self.x, self.inputs, self.load), strict=True):
             array[0] = values
         infos = env.step(np.array([self.action]))[4]
         return {key: values.tolist()[0] for key, values in infos.items() if not key.startswith("_")}
@@ -119,7 +119,7 @@ def endure(
     env.reset(seed=seed)
     tally.episodes = _ROWS
     while tally.steps < steps:
-        before, actions = States(*(array.copy() for array in simulation.states)), drivers.actions()
+        before, actions = States(*(array.copy() for array in simulation.rows.states)), drivers.actions()
         _, _, terminated, truncated, infos = outcome = env.step(actions)
         tally.steps += _ROWS
         tally.unstable_steps += int((infos["index"] > 0).sum())
@@ -188,7 +188,7 @@ class _Drivers:
         for leg in range(result.shape[1]):
             margins = []
             for sign in (1.0, -1.0):
-                states, report = States(*(array.copy() for array in simulation.states)), simulation._empty_report()
+                states, report = States(*(array.copy() for array in simulation.rows.states)), simulation._empty_report()
                 ahead = np.zeros(self._shape)
                 ahead[:, leg] = sign * _LOOK_AHEAD
                 step_batch(legs, states, rows, ahead, simulation._stride, TERMINATE, 1.0, report)
@@ -237,7 +237,7 @@ def _rules(
     lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
     wish = before.inputs + np.clip(actions, -1.0, 1.0) * simulation._stride
     target = np.clip(wish, lower, upper)
-    states = simulation.states
+    states = simulation.rows.states
     yield "cut is paid", infos["cost_limit"] == (wish != target).any(axis=1)
     is_there = (np.abs(states.inputs - target) <= _INPUT_TOLERANCE).all(axis=1)
     is_back = (states.inputs == before.inputs).all(axis=1) & (states.x == before.x).all(axis=1)

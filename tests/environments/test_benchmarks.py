@@ -77,7 +77,7 @@ def test_endurance_keeps_what_does_not_fit_together(tmp_path: Path) -> None:
     simulation = env._simulation
     actions = np.random.default_rng(0).choice([-1.0, 1.0], env.action_space.shape)
     for _ in range(30):
-        before = States(*(array.copy() for array in simulation.states))
+        before = States(*(array.copy() for array in simulation.rows.states))
         outcome = env.step(actions)
         lost = outcome[2]
         assert dict(contradictions(env, "terminate", before, actions, outcome)) == {}
