@@ -13,10 +13,10 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,render,test
+TEST_EXTRAS  := agents,render,window,test
 BENCH_EXTRAS := agents,render,bench
 DOCS_EXTRAS  := docs
-ALL_EXTRAS   := agents,render,test,bench,docs
+ALL_EXTRAS   := agents,render,window,test,bench,docs
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run

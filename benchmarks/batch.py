@@ -16,6 +16,7 @@ from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.kernels.lanes import IS_SOUND, LANES, judge_block, make_block, step_block
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.kernels.transition import COST_ROWS, VERDICT_ROWS, Report, States, load_lane, step_alone, step_batch
+from pcm_gym.tasks import observation_elements
 
 BATCH_SIZES = (64, 1024)
 PEER = "CartPole-v1 (EnvPool)"
@@ -130,24 +131,24 @@ def step_parts(environment_id: str) -> Measure:
     env = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=0)
     simulation, model = env._simulation, env._simulation.settings.mechanism
-    start = States(*(array.copy() for array in simulation.states))
-    legs, stride = model.leg_table, simulation.settings.max_action / model.units.inputs
-    singular_margin = simulation.settings.singular_margin
+    start = States(*(array.copy() for array in simulation.rows.states))
+    legs, stride = model.leg_table, simulation.settings.stride
+    threshold, rows = simulation.settings.singular_margin, simulation.rows.states
     lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
     targets = np.clip(start.inputs + actions * stride, lower, upper)
-    feature_count = env.single_observation_space["observation"].shape[0]
+    feature_count = len(observation_elements(model))
     report = Report(np.empty((VERDICT_ROWS, _ROWS)), np.empty((COST_ROWS, _ROWS)), np.empty((_ROWS, feature_count)))
     refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
-    _in_blocks(legs, simulation.states, targets, refused, 0)
+    _in_blocks(legs, simulation.rows.states, targets, refused, 0)
     refused_rows = np.flatnonzero(refused)
     parts = {
-        "blocks": lambda: _in_blocks(legs, simulation.states, targets, refused, 0),
-        "verdicts": lambda: _in_blocks(legs, simulation.states, targets, refused, 2 * _REPEATS),
-        "loading": lambda: _in_blocks(legs, simulation.states, targets, refused, -1),
-        "alone": lambda: step_alone(legs, simulation.states, refused_rows, actions, stride, singular_margin, report),
-        "kernel": lambda: step_batch(legs, simulation.states, every_row, actions, stride, singular_margin, report),
-        "all_alone": lambda: step_alone(legs, simulation.states, every_row, actions, stride, singular_margin, report),
+        "blocks": lambda: _in_blocks(legs, rows, targets, refused, 0),
+        "verdicts": lambda: _in_blocks(legs, rows, targets, refused, 2 * _REPEATS),
+        "loading": lambda: _in_blocks(legs, rows, targets, refused, -1),
+        "alone": lambda: step_alone(legs, rows, refused_rows, actions, stride, threshold, report),
+        "kernel": lambda: step_batch(legs, rows, every_row, actions, stride, threshold, report),
+        "all_alone": lambda: step_alone(legs, rows, every_row, actions, stride, threshold, report),
         "total": lambda: env.step(actions),
     }
 
@@ -169,7 +170,7 @@ def step_parts(environment_id: str) -> Measure:
         """Return the least of some times, each from the same states."""
         least = np.inf
         for _ in range(5):
-            for array, saved in zip(simulation.states, start, strict=True):
+            for array, saved in zip(simulation.rows.states, start, strict=True):
                 array[:] = saved
             env._ended[:] = False
             before = time.perf_counter()

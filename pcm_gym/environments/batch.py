@@ -9,12 +9,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.environments.simulation import Mask, Settings, Simulation
-from pcm_gym.environments.single import RENDER_FPS, Observation, single_spaces
+from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.simulation import Mask, Simulation
+from pcm_gym.environments.single import RENDER_FPS, Observation
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, whole_number
-from pcm_gym.tasks.reach import RewardType
 
 
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -30,7 +30,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     threads : int, optional
         Threads that share the environments where there are many. By default as many as there are processors, or as
         ``OMP_NUM_THREADS`` or ``NUMBA_NUM_THREADS`` allow. No result depends on it.
-    mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
+    mechanism, **arguments
         As for `MechanismEnv`.
     """
 
@@ -42,24 +42,17 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         mechanism: Mechanism | str = "2RFR",
-        reward_type: RewardType = "dense",
-        on_instability: str = "terminate",
-        load: ArrayLike | None = None,
-        max_action: ArrayLike | None = None,
-        success_distance: float = 0.02,
-        singular_margin: float | None = None,
         render_mode: str | None = None,
+        **arguments: Any,
     ) -> None:
         one_of("render_mode", render_mode, (None,))
         one_of("autoreset_mode", autoreset_mode, (*AutoresetMode, *(mode.value for mode in AutoresetMode)))
-        settings = Settings.from_arguments(
-            mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
-        )
+        settings = Settings.from_arguments(mechanism, **arguments)
         self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1)
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space, self.single_action_space = single_spaces(settings.mechanism)
+        self.single_observation_space, self.single_action_space = settings.spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         threads = default_thread_count() if threads is None else whole_number("threads", threads, least=1)
@@ -85,7 +78,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             if own_seed is not None and mask[row]:
                 self._generators[row], _ = seeding.np_random(own_seed)
         self._begin(mask, options)
-        outcome = self._simulation.observe(np.arange(self.num_envs))
+        outcome = self._simulation.observe(np.arange(self.num_envs), self._generators)
         for key, array in self._kept.items():  # what stands still looks as it did, to the last bit
             outcome.observation[key][~mask] = array[~mask]
         self._keep(outcome.observation)
@@ -103,7 +96,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise gymnasium.error.ResetNeeded(
                 f"environments {np.flatnonzero(waiting).tolist()} have ended: reset them with options['reset_mask']"
             )
-        outcome = self._simulation.step(values)
+        outcome = self._simulation.step(values, self._generators)
         self._elapsed += 1
         truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
         self._ended = outcome.terminated | truncated
@@ -115,14 +108,13 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
-        return self._simulation.settings.task.compute_reward(achieved_goal, desired_goal)
+        return self._simulation.settings.task.goals.compute_reward(achieved_goal, desired_goal)
 
     def _step_and_begin(
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Begin the waiting environments, whose actions are ignored, and step the others."""
-        generators = [self._generators[row] for row in np.flatnonzero(waiting)]
-        outcome = self._simulation.step_and_reset(actions, waiting, generators)
+        outcome = self._simulation.step_and_reset(actions, waiting, self._generators)
         self._elapsed = np.where(waiting, 0, self._elapsed + 1)
         truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
         self._ended = outcome.terminated | truncated
@@ -136,7 +128,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
         final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
         self._begin(ended, {})
-        begun = self._simulation.observe(rows)
+        begun = self._simulation.observe(rows, self._generators)
         for key, values in begun.infos().items():
             infos[key][rows] = values
         for key, array in begun.observation.items():

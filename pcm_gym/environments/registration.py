@@ -3,27 +3,34 @@
 import gymnasium
 
 from pcm_gym.mechanism import mechanism_names
+from pcm_gym.tasks import TASKS
 
-# Task and length of an episode.
-_TASKS = {"Reach": 50}
 _VERSION = 0
+# Pairs of mechanism and task that have no episodes with the default arguments of the others.
+_ABSENT: set[tuple[str, str]] = {("2PFR", "Switch")}
 
 
 def environment_ids() -> list[str]:
     """Return the ids of all environments of this package."""
-    return [f"PCM/{mechanism}-{task}-v{_VERSION}" for task in _TASKS for mechanism in mechanism_names()]
+    return [_id(mechanism, task) for mechanism, task in _pairs()]
 
 
 def register_environments() -> None:
     """Register every mechanism with every task; a second call changes nothing."""
-    for task, max_episode_steps in _TASKS.items():
-        for mechanism in mechanism_names():
-            environment_id = f"PCM/{mechanism}-{task}-v{_VERSION}"
-            if environment_id not in gymnasium.registry:
-                gymnasium.register(
-                    environment_id,
-                    entry_point="pcm_gym.environments.single:MechanismEnv",
-                    vector_entry_point="pcm_gym.environments.batch:MechanismVectorEnv",
-                    max_episode_steps=max_episode_steps,
-                    kwargs={"mechanism": mechanism},
-                )
+    for mechanism, task in _pairs():
+        if _id(mechanism, task) not in gymnasium.registry:
+            gymnasium.register(
+                _id(mechanism, task),
+                entry_point="pcm_gym.environments.single:MechanismEnv",
+                vector_entry_point="pcm_gym.environments.batch:MechanismVectorEnv",
+                max_episode_steps=TASKS[task].time_limit,
+                kwargs={"mechanism": mechanism, "task": task},
+            )
+
+
+def _pairs() -> list[tuple[str, str]]:
+    return [(mechanism, task) for task in TASKS for mechanism in mechanism_names() if (mechanism, task) not in _ABSENT]
+
+
+def _id(mechanism: str, task: str) -> str:
+    return f"PCM/{mechanism}-{task}-v{_VERSION}"

@@ -1,17 +1,20 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from pcm_gym.environments.settings import Settings
+from pcm_gym.kernels.goals import Pursuit, pursue
 from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
     COST_ROWS,
     EVENT,
+    FRACTION,
     LIMIT,
     MORSE_INDEX,
     RESIDUAL,
@@ -27,82 +30,48 @@ from pcm_gym.kernels.transition import (
     describe_batch,
     step_batch,
 )
-from pcm_gym.mechanism import Mechanism, get_mechanism
-from pcm_gym.mechanism.validation import finite_vector, one_of, positive_number
-from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium
+from pcm_gym.mechanism.validation import finite_vector, one_of
+from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
-from pcm_gym.tasks import Episodes, ReachTask, default_max_action, goal_box, observation_elements
-from pcm_gym.tasks.reach import RewardType
+from pcm_gym.tasks import Scene, box_of, observation_elements
+from pcm_gym.tasks.scene import reached
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+Generators = Sequence[np.random.Generator]
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
+_NO_EVENT, _ACTUATOR_LIMIT = EVENTS.index(Event.NONE), EVENTS.index(Event.ACTUATOR_LIMIT)
 _RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
-_INSTABILITY_BEHAVIOURS = ("terminate",)
-# Part of the agent's smallest step that a fold may be near before a state counts as nearly singular.
-_NEARLY_SINGULAR = 0.5
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
-class Settings:
-    """The arguments of an environment, validated.
+class Rows(NamedTuple):
+    """Everything that the future of a batch depends on, one row per environment, dimensionless as in the kernels."""
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-    task : ReachTask
-    load : array (d,)
-        Load on the end-effector in the mechanism's units.
-    max_action : array (legs,)
-        Increment of each input for an action of 1, rad or m.
-    singular_margin : float
-        States whose singularity margin, in rad and mean rod lengths, is below this cost `cost_singular`.
-    """
+    x: Array  # (n, 2 legs + d)
+    inputs: Array  # (n, legs)
+    load: Array  # (n, d)
+    scene: Integers  # (n,): which one the episode takes place in
+    goals: Array  # (n, p, g): the goals of successive steps, over and over
+    witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
+    elapsed: Integers  # (n,): steps since the reset
+    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+    lost: Mask  # (n,): whether stability has been lost
+    commands: Array  # (n, legs): what the actuators have been told
+    drives: Array  # (n, legs): where their drives are
 
-    mechanism: Mechanism
-    task: ReachTask
-    load: Array
-    max_action: Array
-    singular_margin: float
+    @property
+    def states(self) -> States:
+        """The dynamic states."""
+        return States(self.x, self.inputs, self.load)
 
-    @classmethod
-    def from_arguments(
-        cls,
-        mechanism: Mechanism | str,
-        reward_type: RewardType,
-        on_instability: str,
-        load: ArrayLike | None,
-        max_action: ArrayLike | None,
-        success_distance: float,
-        singular_margin: float | None,
-    ) -> "Settings":
-        """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
-        if isinstance(mechanism, str):
-            mechanism = get_mechanism(mechanism)
-        if not isinstance(mechanism, Mechanism):
-            raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        one_of("on_instability", on_instability, _INSTABILITY_BEHAVIOURS)
-        if max_action is None:
-            steps = default_max_action(mechanism)
-        else:
-            count = mechanism.leg_count
-            steps = finite_vector(
-                "max_action", np.full(count, max_action) if np.ndim(max_action) == 0 else max_action, count
-            )
-        if not np.all(steps > 0.0):
-            raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
-        if singular_margin is None:
-            singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())
-        return cls(
-            mechanism=mechanism,
-            task=ReachTask(mechanism, reward_type, success_distance),
-            load=mechanism.check_load(load),
-            max_action=steps,
-            singular_margin=positive_number("singular_margin", singular_margin),
-        )
+    @property
+    def pursuit(self) -> Pursuit:
+        """The goals and how far their pursuit has come."""
+        return Pursuit(self.goals, self.elapsed, self.held)
 
 
 class Outcome(NamedTuple):
@@ -147,12 +116,12 @@ class Outcome(NamedTuple):
             "stability_margin": verdicts[STABILITY_MARGIN],
             "singularity_margin": verdicts[SINGULARITY_MARGIN],
             "residual": verdicts[RESIDUAL],
-            "event": _EVENT_NAMES[verdicts[EVENT].astype(np.intp)],
+            "event": _EVENT_NAMES[verdicts[EVENT].astype(np.int64)],
         }
 
 
 class Simulation:
-    """The states and goals of `count` mechanisms that step together, and which of them have lost stability.
+    """Mechanisms that step together, each with its goal.
 
     Parameters
     ----------
@@ -169,63 +138,131 @@ class Simulation:
     """
 
     def __init__(self, settings: Settings, count: int, threads: int = 1) -> None:
-        mechanism = settings.mechanism
         self.settings = settings
         self.count = count
         self._threads = threads
-        self._units = mechanism.units
-        self._stride = settings.max_action / self._units.inputs
-        self._free_home = home_equilibrium(mechanism)
-        self._home = self._home_under(settings.load)
-        self._feature_count = len(observation_elements(mechanism))
-        self._rows = np.arange(count)
-        start = self._home.repeated(count)
-        self.states = States(start.x, start.inputs, start.load)
-        self.goals, self.witnesses = start.goal, start.witness
-        self.lost = np.zeros(count, dtype=np.bool_)
+        self._units = settings.mechanism.units
+        self._stride = settings.stride
+        elements = observation_elements(settings.mechanism)
+        self._feature_count, self._box = len(elements), box_of(elements)
+        self._extra_elements = settings.elements[len(elements) :]
+        self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
+        self.scenes = settings.scenes()
+        self.rows = self._rows_at_home()
+
+    def _rows_at_home(self) -> Rows:
+        home, goals, count = self.scenes[0].home, self.settings.task.goals, self.count
+        states = self.scenes[0].at_equilibrium(home, count)
+        period = self.settings.task.period
+        return Rows(
+            *states,
+            scene=np.zeros(count, dtype=np.int64),
+            goals=np.tile(goals.of_equilibrium(home), (count, period, 1)),
+            witness=np.concatenate([states.inputs, states.x], axis=1),
+            elapsed=np.zeros(count, dtype=np.int64),
+            held=np.zeros(count, dtype=np.int64),
+            lost=np.zeros(count, dtype=np.bool_),
+            commands=states.inputs.copy(),
+            drives=states.inputs.copy(),
+        )
 
     def equilibrium(self, row: int) -> Equilibrium:
         """Return the present equilibrium of one row."""
-        return Equilibrium(
-            self.settings.mechanism,
-            self.states.x[row],
-            self.states.inputs[row] * self._units.inputs,
-            self.states.load[row] * self._units.load,
-        )
+        rows, units = self.rows, self._units
+        mechanism = self.scenes[rows.scene[row]].mechanism
+        return Equilibrium(mechanism, rows.x[row], rows.inputs[row] * units.inputs, rows.load[row] * units.load)
 
-    def step(self, actions: Array) -> Outcome:
-        """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment."""
+    def witness(self, row: int) -> Equilibrium | None:
+        """Return an equilibrium that meets the first goal of one row; None where none is known."""
+        here, legs = self.equilibrium(row), self.settings.mechanism.leg_count
+        inputs, x = self.rows.witness[row, :legs], self.rows.witness[row, legs:]
+        known = not np.isnan(x).any()
+        return Equilibrium(here.mechanism, x, inputs * self._units.inputs, here.load) if known else None
+
+    def goal(self, row: int) -> Array:
+        """Return the present goal of one row."""
+        goals = self.rows.goals[row]
+        present: Array = goals[self.rows.elapsed[row] % len(goals)]
+        return present
+
+    def step(self, actions: Array, generators: Generators) -> Outcome:
+        """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment.
+
+        The generators, one for each row, are the source of what the sensors add.
+        """
         report = self._empty_report()
-        run_all(self._step_jobs(self._rows, actions, report), self._threads)
-        self.lost = report.costs[UNSTABLE] > 0.0
-        return self._outcome(report, self.goals.copy())
+        moves, finish = self._moves(self._all, actions)
+        run_all(self._step_jobs(self._all, moves, report), self._threads)
+        finish(report)
+        return self._outcome(self._all, report, self._every, generators)
 
-    def step_and_reset(self, actions: Array, begun: Mask, generators: Sequence[np.random.Generator]) -> Outcome:
-        """Begin new episodes in the rows `begun` (n,), each with its generator, without reward, and step the others."""
-        report, rows = self._empty_report(), np.flatnonzero(begun)
-        stepped = np.flatnonzero(~begun)
-        begin = partial(self.reset_rows, rows, generators, None)
-        run_all([begin, *self._step_jobs(stepped, actions, report)], self._threads if self.count >= LEAST_ROWS else 1)
-        self.lost[stepped] = report.costs[UNSTABLE, stepped] > 0.0
+    def step_and_reset(self, actions: Array, begun: Mask, generators: Generators) -> Outcome:
+        """Begin new episodes in the rows `begun` (n,), without reward, and step the others.
+
+        There is a generator for each row.
+        """
+        report, rows, stepped = self._empty_report(), np.flatnonzero(begun), np.flatnonzero(~begun)
+        begin = partial(self.reset_rows, rows, [generators[row] for row in rows.tolist()], None)
+        moves, finish = self._moves(stepped, actions)
+        jobs = self._step_jobs(stepped, moves, report)
+        run_all([begin, *jobs], self._threads if self.count >= LEAST_ROWS else 1)
+        finish(report)
         self._describe(rows, report)
-        outcome = self._outcome(report, self.goals.copy())
+        outcome = self._outcome(self._all, report, ~begun, generators)
         outcome.reward[rows] = 0.0
         return outcome
 
-    def _step_jobs(self, rows: NDArray[np.intp], actions: Array, report: Report) -> list[Callable[[], None]]:
-        legs, margin = self.settings.mechanism.leg_table, self.settings.singular_margin
-
-        def step(first: int, last: int) -> None:
-            step_batch(legs, self.states, rows[first:last], actions, self._stride, margin, report)
-
-        return pieces_of(step, len(rows), self._threads)
-
-    def observe(self, rows: NDArray[np.intp]) -> Outcome:
+    def observe(self, rows: Integers, generators: Generators) -> Outcome:
         """Return what some rows come to when they stand still, as after a reset: no cost, no event."""
         report = self._empty_report()
         self._describe(rows, report)
         chosen = Report(report.verdicts[:, rows], report.costs[:, rows], report.features[rows])
-        return self._outcome(chosen, self.goals[rows])
+        return self._outcome(rows, chosen, np.zeros(len(rows), dtype=np.bool_), generators)
+
+    def _step_jobs(self, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
+        states, margin, jobs = self.rows.states, self.settings.singular_margin, []
+        for scene, members in self._by_scene(rows):
+
+            def step(
+                first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
+            ) -> None:
+                step_batch(legs, states, chosen[first:last], moves, self._stride, margin, report)
+
+            jobs += pieces_of(step, len(members), self._threads)
+        return jobs
+
+    def _by_scene(self, rows: Integers) -> list[tuple[Scene, Integers]]:
+        """Return the scenes of some rows, each with its own."""
+        if len(self.scenes) == 1:
+            return [(self.scenes[0], rows)]
+        numbers = self.rows.scene[rows]
+        return [(self.scenes[number], rows[numbers == number]) for number in np.unique(numbers)]
+
+    def _moves(self, rows: Integers, actions: Array) -> tuple[Array, Callable[[Report], None]]:
+        """Return the actions that the clamps follow, and what is to be done once they have followed them."""
+        actuators = self.settings.actuators
+        if actuators.are_ideal:
+            return actions, lambda report: None
+        state, mechanism = self.rows, self.settings.mechanism
+        lower, upper = mechanism.lower_limits / self._units.inputs, mechanism.upper_limits / self._units.inputs
+        wishes = state.commands[rows] + np.clip(actions[rows], -1.0, 1.0) * self._stride
+        commands = np.clip(wishes, lower, upper)
+        drives, clamps = actuators.follow(commands, state.drives[rows], state.inputs[rows])
+        moves = np.zeros_like(actions)
+        moves[rows] = (clamps - state.inputs[rows]) / self._stride
+        is_cut = (commands != wishes).any(axis=1)
+
+        def finish(report: Report) -> None:
+            # the limits are those of the commands; who was stopped on the way forgets what it was told
+            events = report.verdicts[EVENT, rows]
+            is_usual = (events == _NO_EVENT) | (events == _ACTUATOR_LIMIT)
+            report.verdicts[EVENT, rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
+            report.costs[LIMIT, rows] = is_cut
+            arrived = (report.verdicts[FRACTION, rows] == 1.0)[:, None]
+            state.commands[rows] = np.where(arrived, commands, state.inputs[rows])
+            state.drives[rows] = np.where(arrived, drives, state.inputs[rows])
+
+        return moves, finish
 
     def _empty_report(self) -> Report:
         return Report(
@@ -234,40 +271,64 @@ class Simulation:
             np.empty((self.count, self._feature_count)),
         )
 
-    def _describe(self, rows: NDArray[np.intp], report: Report) -> None:
-        describe_batch(self.settings.mechanism.leg_table, self.states, rows, report)
-        report.features[rows[self.lost[rows]], -STABILITY_FEATURES] = 0.0
+    def _describe(self, rows: Integers, report: Report) -> None:
+        for scene, members in self._by_scene(rows):
+            describe_batch(scene.mechanism.leg_table, self.rows.states, members, report)
+        report.features[rows[self.rows.lost[rows]], -STABILITY_FEATURES] = 0.0
 
-    def _outcome(self, report: Report, goals: Array) -> Outcome:
-        task, costs = self.settings.task, report.costs
-        achieved = task.goals_from_features(report.features)
-        rewards, successes = task.score(achieved, goals)
+    def _outcome(self, rows: Integers, report: Report, has_stepped: Mask, generators: Generators) -> Outcome:
+        goals, state, costs = self.settings.task.goals, self.rows, report.costs
         is_lost = costs[UNSTABLE] > 0.0
+        state.lost[rows] = np.where(has_stepped, is_lost, state.lost[rows])
+        achieved = goals.achieved(report.features, state.inputs, rows)
+        desired, rewards = pursue(achieved, rows, has_stepped, is_lost, state.pursuit, goals.scale)
+        observed = self._observed(rows, report.features, generators)
         return Outcome(
-            {"observation": report.features, "achieved_goal": achieved, "desired_goal": goals},
+            {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
             rewards,
             is_lost,
             costs[SOLVER] > 0.0,
-            successes & ~is_lost,
+            state.held[rows] >= self.settings.hold_steps,
             costs,
             report.verdicts,
         )
 
-    def reset_rows(
-        self,
-        rows: Sequence[int] | NDArray[np.intp],
-        generators: Sequence[np.random.Generator],
-        options: Mapping[str, Any] | None,
-    ) -> None:
+    def _observed(self, rows: Integers, features: Array, generators: Generators) -> Array:
+        """Return what is observed of some rows: features (m, f) as the sensors see them, and what else is told."""
+        settings = self.settings
+        if settings.observation_noise > 0.0:
+            features = self._with_noise(features, [generators[row] for row in rows.tolist()])
+        if not self._extra_elements:
+            return features
+        state, units, parts = self.rows, self._units, [features]
+        for steps in settings.task.look_ahead:
+            parts.append(state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]])
+        if settings.load_varies and settings.observe_load:
+            parts.append(_within(state.load[rows], *(settings.load_range / units.load)))
+        if not settings.actuators.are_ideal:
+            mechanism = settings.mechanism
+            limits = (mechanism.lower_limits / units.inputs, mechanism.upper_limits / units.inputs)
+            parts.append(_within(state.commands[rows], *limits))
+        return np.concatenate(parts, axis=1)
+
+    def _with_noise(self, features: Array, generators: Generators) -> Array:
+        """Return the features (m, f) with noise on all that is measured: on all but the verdicts on stability."""
+        measured = features.shape[1] - STABILITY_FEATURES
+        noise = np.array([generator.standard_normal(measured) for generator in generators])
+        noisy = features.copy()
+        noisy[:, :measured] += self.settings.observation_noise * noise
+        return np.clip(noisy, self._box.low, self._box.high)
+
+    def reset_rows(self, rows: Integers, generators: Generators, options: Mapping[str, Any] | None) -> None:
         """Begin new episodes in some rows.
 
         Parameters
         ----------
-        rows : sequence of int
+        rows : array of int
         generators : sequence of numpy.random.Generator
             For each of the rows the source of its start and goal.
         options : mapping, optional
-            Any of `inputs` (start there), `equilibrium` (start with it), `goal` (a pose) and `load`.
+            Any of `inputs` (start there), `equilibrium` (start with it), `goal` (a pose or an equilibrium) and `load`.
 
         Raises
         ------
@@ -277,36 +338,47 @@ class Simulation:
         options = options or {}
         for name in options:
             one_of("options key", name, _RESET_OPTIONS)
-        episodes = self._sample(options, generators)
-        for array, values in zip(self.states, (episodes.x, episodes.inputs, episodes.load), strict=True):
+        goal = self._goal_from(options["goal"]) if "goal" in options else None
+        numbers = self._drawn_scenes(options, generators)
+        for number in np.unique(numbers).tolist():
+            members = np.flatnonzero(numbers == number)
+            scene = self._scene_for(self.scenes[number], options)
+            self._begin(rows[members], number, scene, [generators[member] for member in members.tolist()], goal)
+
+    def _begin(
+        self, rows: Integers, number: int, scene: Scene, generators: Generators, goal: tuple[Array, Array] | None
+    ) -> None:
+        task, state = self.settings.task, self.rows
+        episodes = task.sample(scene, generators, self._threads)
+        start = episodes.states
+        for array, values in zip(state.states, start, strict=True):
             array[rows] = values
-        self.goals[rows], self.witnesses[rows] = episodes.goal, episodes.witness
-        self.lost[rows] = False
+        state.scene[rows], state.elapsed[rows], state.lost[rows] = number, 0, False
+        state.goals[rows], state.witness[rows] = (
+            episodes.goals,
+            np.concatenate([episodes.witness.inputs, episodes.witness.x], axis=1),
+        )
+        if goal is not None:
+            state.goals[rows], state.witness[rows] = goal
+        state.commands[rows], state.drives[rows] = start.inputs, start.inputs
+        _, at_goal = task.goals.score(task.goals.of_states(start.x, start.inputs), state.goals[rows, 0])
+        state.held[rows] = at_goal
 
-    def _sample(self, options: Mapping[str, Any], generators: Sequence[np.random.Generator]) -> Episodes:
-        settings, task = self.settings, self.settings.task
-        margin = settings.singular_margin
-        if "equilibrium" in options or "inputs" in options:
-            start = self._start_from(options)
-            episodes = task.sample_goals(start, self._stride, margin, generators, self._threads)
-        else:
-            home = self._home_under(options["load"]) if "load" in options else self._home
-            episodes = task.sample_episodes(home, self._stride, margin, generators, self._threads)
-        if "goal" in options:
-            episodes.goal[:] = self._goal_from(options["goal"])
-        return episodes
+    def _drawn_scenes(self, options: Mapping[str, Any], generators: Generators) -> Integers:
+        """Return the number of the scene of each new episode."""
+        if "equilibrium" in options:
+            return np.full(len(generators), self._scene_of(options["equilibrium"]))
+        if len(self.scenes) == 1:
+            return np.zeros(len(generators), dtype=np.int64)
+        return np.array([generator.integers(len(self.scenes)) for generator in generators])
 
-    def _goal_from(self, pose: ArrayLike) -> Array:
+    def _scene_of(self, start: Any) -> int:
+        """Return the number of a scene with the mechanism of an equilibrium; raise if it cannot be a start."""
         mechanism = self.settings.mechanism
-        goal = self.settings.task.goal_from_pose(finite_vector("option goal", pose, mechanism.dof))
-        if goal not in goal_box(mechanism):
-            raise ValueError(f"option goal must be a pose within the reach of the rods, got {pose!r}")
-        return goal
-
-    def _start_from(self, options: Mapping[str, Any]) -> Episodes:
-        mechanism = self.settings.mechanism
-        start = options.get("equilibrium", self._free_home)
-        if not isinstance(start, Equilibrium) or start.mechanism != mechanism:
+        if not isinstance(start, Equilibrium):
+            raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
+        numbers = [number for number, scene in enumerate(self.scenes) if scene.mechanism == start.mechanism]
+        if not numbers:
             raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
         if not start.is_stable:
             raise ValueError(f"option equilibrium must be stable, got index {start.index}")
@@ -314,31 +386,36 @@ class Simulation:
             raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
         if start.residual > _RESIDUAL_TOLERANCE:
             raise ValueError(f"option equilibrium must be one, got residual {start.residual}")
-        load = self.settings.load if "equilibrium" not in options else start.load
-        load = mechanism.check_load(options["load"]) if "load" in options else load
-        loaded = _tracked(start, start.inputs, load, "load")
-        return self._episode_at(_tracked(loaded, options.get("inputs", start.inputs), load, "inputs"))
+        return numbers[0]
 
-    def _home_under(self, load: ArrayLike) -> Episodes:
-        home = self._free_home
-        return self._episode_at(_tracked(home, home.inputs, self.settings.mechanism.check_load(load), "load"))
+    def _scene_for(self, scene: Scene, options: Mapping[str, Any]) -> Scene:
+        """Return the scene with the load and the start that are asked for."""
+        if "load" in options:
+            scene = replace(scene, load=tuple(scene.mechanism.check_load(options["load"]).tolist()))
+        elif "equilibrium" in options:
+            scene = replace(scene, load=tuple(options["equilibrium"].load.tolist()))
+        if "equilibrium" not in options and "inputs" not in options:
+            return scene
+        start, load = options.get("equilibrium"), np.array(scene.load)
+        start = scene.home if start is None else reached(start, start.inputs, load, "load")
+        return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
 
-    def _episode_at(self, start: Equilibrium) -> Episodes:
-        inputs = start.inputs / self._units.inputs
-        goal = self.settings.task.goal_from_pose(start.pose)
-        values = (np.array(start.state), inputs, start.load / self._units.load, goal, inputs)
-        return Episodes(*(value[None] for value in values))
+    def _goal_from(self, wanted: Any) -> tuple[Array, Array]:
+        """Return the goal that a pose or an equilibrium stands for, and its witness."""
+        mechanism, goals = self.settings.mechanism, self.settings.task.goals
+        if isinstance(wanted, Equilibrium):
+            if wanted.mechanism.dof != mechanism.dof:
+                raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {wanted!r}")
+            return goals.of_equilibrium(wanted), np.append(wanted.inputs / self._units.inputs, wanted.state)
+        if goals.with_inputs:
+            raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {wanted!r}")
+        goal = goals.of_pose(finite_vector("option goal", wanted, mechanism.dof))
+        if goal not in goals.box:
+            raise ValueError(f"option goal must be a pose within the reach of the rods, got {wanted!r}")
+        return goal, np.full(mechanism.leg_count + mechanism.state_size, np.nan)
 
 
-def _tracked(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
-    """Return the equilibrium at `inputs` under `load` on the branch of `start`; raise if the way ends before."""
-    if np.array_equal(inputs, start.inputs) and np.array_equal(load, start.load):
-        return start
-    step = BranchTracker(start.mechanism, start).step(inputs, load)
-    if step.event is not Event.NONE:
-        value = load.tolist() if name == "load" else np.asarray(inputs).tolist()
-        raise ValueError(
-            f"{name} must be reachable from home on stable equilibria, got {value}: "
-            f"{step.event} after {step.fraction:.3f} of the way. {step.event.message}"
-        )
-    return step.equilibrium
+def _within(values: Array, lower: Array, upper: Array) -> Array:
+    """Return where values (n, k) are between bounds (k,): -1 and 1 at the bounds, 0 between equal ones."""
+    half = 0.5 * (upper - lower)
+    return (values - 0.5 * (upper + lower)) / np.where(half > 0.0, half, 1.0)

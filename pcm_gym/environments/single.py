@@ -6,15 +6,15 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.environments.simulation import Outcome, Settings, Simulation
+from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.simulation import Outcome, Simulation
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import ReachTask, goal_box, observation_box
-from pcm_gym.tasks.reach import RewardType
+from pcm_gym.tasks import Element, Task
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
@@ -23,60 +23,82 @@ RENDER_FPS = 20
 _TRAIL_LENGTH = 100
 
 
-def single_spaces(mechanism: Mechanism) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-    """Return observation and action space of one environment."""
-    observation_space = spaces.Dict(
-        {
-            "observation": observation_box(mechanism),
-            "achieved_goal": goal_box(mechanism),
-            "desired_goal": goal_box(mechanism),
-        }
-    )
-    return observation_space, spaces.Box(-1.0, 1.0, (mechanism.leg_count,), np.float32)
-
-
 class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Reach a goal pose with a planar parallel continuum mechanism, on stable equilibria only.
+    """Move a planar parallel continuum mechanism, on stable equilibria only.
 
     The mechanism's elastic rods are solved exactly: every step follows the branch of equilibria along the straight
-    line from the present actuator inputs to the next ones. Where the branch folds, the mechanism would snap; the
-    episode ends there.
+    line from the present actuator inputs to the next ones. Where the branch folds, the mechanism would snap.
 
     Action
         Box(-1, 1, (legs,)): increments of the actuator inputs, times `max_action`. Cut at the actuators' limits.
 
     Observation
-        Dict of `observation` (see `pcm_gym.tasks.observation_elements`), `achieved_goal` and `desired_goal`: position
-        in mean rod lengths, for a platform also cosine and sine of its angle.
+        Dict of `observation` (`elements` lists what it holds), `achieved_goal` and `desired_goal`: position in mean rod
+        lengths, for a platform also cosine and sine of its angle, for the task Switch also the inputs.
 
     Reward
-        `compute_reward(achieved_goal, desired_goal, info)`; never negative, see `pcm_gym.tasks.ReachTask`.
+        `compute_reward(achieved_goal, desired_goal, info)`; never negative, see `pcm_gym.tasks.Goals`.
 
     Episode end
         Terminated when stability is lost (a fold, or a change of the Morse index on the way); truncated by the time
         limit, or when the solver fails (the state then stays as it was). Reaching the goal does not end an episode.
 
     Info
-        `is_success`; `cost`, the sum of `cost_unstable` (stability lost), `cost_singular` (singularity margin below
-        `singular_margin`), `cost_limit` (an increment was cut) and `cost_solver`, each 0 or 1 and 0 at reset; `index`,
-        `stability_margin`, `singularity_margin` and `residual` of the present equilibrium; `event`.
+        `is_success` (at the goal for `hold_steps` states in a row); `cost`, the sum of `cost_unstable` (stability
+        lost), `cost_singular` (singularity margin below `singular_margin`), `cost_limit` (an increment was cut) and
+        `cost_solver`, each 0 or 1 and 0 at reset; `index`, `stability_margin`, `singularity_margin` and `residual` of
+        the present equilibrium; `event`.
 
     Parameters
     ----------
     mechanism : Mechanism or str
         The mechanism, or its name in the catalogue.
+    render_mode : "rgb_array", optional
+        With "human", `gymnasium.make` shows these pictures in a window.
+    render_ghosts : bool
+        Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
+        when a picture is drawn: about 10 ms for two legs, a second for a platform.
+    render_workspace : Atlas or path, optional
+        Atlas of the same mechanism under the same load, or a file with one; its stable workspace is the background of
+        the pictures.
+    task : "Reach", "Track" or "Switch"
+        Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs.
     reward_type : "dense" or "sparse"
+    difficulty : "near", "anywhere" or "detour", optional
+        For Reach: goals 5 to 15 straight steps from the start (default), anywhere that stable paths lead, or where only
+        a detour around the singular set leads.
+    path : "circle", "eight", "spline" or "any", optional
+        For Track: the shape of the paths, of all kinds by default.
+    success_distance : float
+        Distance to the goal, in m, that counts as being there.
+    hold_steps : int
+        States in a row at the goal that make a success.
     on_instability : "terminate"
-    load : array_like (d,), optional
-        Constant load on the end-effector, N (and N m).
     max_action : float or array_like (legs,), optional
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
-    success_distance : float
-        Distance to the goal, in m, that counts as reached.
     singular_margin : float, optional
         Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
-        rod lengths; by default half of the agent's smallest step.
-    render_mode : "rgb_array", optional
+        rod lengths; by default a quarter of the agent's smallest step.
+    load : array_like (d,) or (2, d), optional
+        Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
+        at each reset.
+    observe_load : bool
+        Whether a load that is drawn is observed.
+    randomisation : mapping of str to float, optional
+        How much the mechanism differs from episode to episode: largest relative deviations of "stiffness" and "length"
+        of each rod, largest deviations in m of each "base" and each "attachment".
+    variants : int
+        Where loads or mechanisms are drawn: out of so many, which are the same for all environments, up to 128. Each
+        takes some tenths of a second when an environment is first made.
+    actuator_lag : float
+        Time constant with which the actuators follow, in steps.
+    rate_limit : float or array_like (legs,), optional
+        Largest move of each actuator in a step, rad or m.
+    backlash : float or array_like (legs,)
+        Play between each actuator and its clamp, rad or m.
+    observation_noise : float
+        Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
+        stability are exact.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
@@ -85,34 +107,34 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self,
         mechanism: Mechanism | str = "2RFR",
         *,
-        reward_type: RewardType = "dense",
-        on_instability: str = "terminate",
-        load: ArrayLike | None = None,
-        max_action: ArrayLike | None = None,
-        success_distance: float = 0.02,
-        singular_margin: float | None = None,
         render_mode: str | None = None,
+        render_ghosts: bool = False,
+        render_workspace: Workspace = None,
+        **arguments: Any,
     ) -> None:
-        settings = Settings.from_arguments(
-            mechanism, reward_type, on_instability, load, max_action, success_distance, singular_margin
-        )
+        settings = Settings.from_arguments(mechanism, **arguments)
         self.render_mode = one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        self.observation_space, self.action_space = single_spaces(settings.mechanism)
+        self._pictures = Pictures(settings, render_ghosts, render_workspace)
+        self.observation_space, self.action_space = settings.spaces()
         self._simulation = Simulation(settings, 1)
         self._action_shape = self.action_space.shape
         self._stability_lost = False
         self._trail: list[Array] = []
-        self._renderer: Any = None
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism."""
+        """The mechanism; where it is randomised, what its variants deviate from."""
         return self._simulation.settings.mechanism
 
     @property
-    def task(self) -> ReachTask:
-        """Goals, rewards and success."""
+    def task(self) -> Task:
+        """Goals, rewards and what episodes are drawn."""
         return self._simulation.settings.task
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """What `observation` holds, element by element."""
+        return self._simulation.settings.elements
 
     @property
     def max_action(self) -> Array:
@@ -122,7 +144,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     @property
     def success_distance(self) -> float:
         """Distance to the goal, in m, that counts as reached."""
-        return self.task.success_distance
+        return self.task.goals.success_distance
 
     @property
     def singular_margin(self) -> float:
@@ -137,13 +159,12 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     @property
     def goal(self) -> Array:
         """The goal as a pose, (d,), in m and rad."""
-        return self.task.pose_from_goal(self._simulation.goals[0])
+        return self.task.goals.pose(self._simulation.goal(0))
 
     @property
-    def witness(self) -> Array:
-        """Inputs that reach the goal, (legs,), rad or m; not observed."""
-        witness: Array = self._simulation.witnesses[0] * self.mechanism.units.inputs
-        return witness
+    def witness(self) -> Equilibrium | None:
+        """An equilibrium that meets the first goal of the episode, not observed; None for a pose asked of `reset`."""
+        return self._simulation.witness(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -155,18 +176,19 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed : int, optional
         options : dict, optional
             Any of `inputs` (the start is the equilibrium there on the branch of home), `equilibrium` (the start
-            itself), `goal` (a pose) and `load`.
+            itself), `goal` (a pose, or an equilibrium) and `load`.
         """
         super().reset(seed=seed)
-        self._simulation.reset_rows([0], [self.np_random], options)
+        generators, row = [self.np_random], np.zeros(1, dtype=np.int64)
+        self._simulation.reset_rows(row, generators, options)
         self._stability_lost = False
         self._trail = []
-        outcome = self._simulation.observe(np.zeros(1, dtype=np.intp))
+        outcome = self._simulation.observe(row, generators)
         return self._observation(outcome), outcome.row_info(0)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move the inputs by `action` times `max_action` along the present branch of equilibria."""
-        outcome = self._simulation.step(self._checked(action))
+        outcome = self._simulation.step(self._checked(action), [self.np_random])
         self._stability_lost = bool(outcome.terminated[0])
         if self.render_mode is not None:
             self._trail = [*self._trail[1 - _TRAIL_LENGTH :], self.equilibrium.pose[:2]]
@@ -180,46 +202,28 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
-        return self.task.compute_reward(achieved_goal, desired_goal)
+        return self.task.goals.compute_reward(achieved_goal, desired_goal)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the present state, (height, width, 3); None without `render_mode`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to make().")
             return None
-        if self._renderer is None:
-            from pcm_gym.rendering import FrameRenderer  # drawing is loaded only when a picture is asked for
-
-            self._renderer = FrameRenderer(self.mechanism)
-        trail = np.array(self._trail) if self._trail else None
-        picture: NDArray[np.uint8] = self._renderer.draw(
-            self.equilibrium,
-            goal=self.goal,
-            success_distance=self.success_distance,
-            trail=trail,
-            stability_lost=self._stability_lost,
-        )
-        return picture
+        return self._pictures.draw(self._simulation, 0, np.array(self._trail) if self._trail else None)
 
     def save_state(self) -> dict[str, Any]:
         """Return everything that the rest of the episode depends on; `restore_state` takes it back exactly."""
-        simulation = self._simulation
         return {
-            "states": tuple(array.copy() for array in simulation.states),
-            "goals": simulation.goals.copy(),
-            "witnesses": simulation.witnesses.copy(),
+            "rows": {name: array.copy() for name, array in self._simulation.rows._asdict().items()},
             "stability_lost": self._stability_lost,
             "trail": list(self._trail),
             "generator": copy.deepcopy(self.np_random.bit_generator.state),
         }
 
     def restore_state(self, state: dict[str, Any]) -> None:
-        """Go back to what `save_state` returned."""
-        simulation = self._simulation
-        for array, saved in zip(simulation.states, state["states"], strict=True):
-            array[:] = saved
-        simulation.goals[:] = state["goals"]
-        simulation.witnesses[:] = state["witnesses"]
+        """Go back to what `save_state` returned, here or in another environment made with the same arguments."""
+        for name, array in self._simulation.rows._asdict().items():
+            array[:] = state["rows"][name]
         self._stability_lost = state["stability_lost"]
         self._trail = list(state["trail"])
         self.np_random.bit_generator.state = copy.deepcopy(state["generator"])

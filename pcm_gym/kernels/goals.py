@@ -1,6 +1,7 @@
 """Distances to goals and the rewards that follow from them, over a batch."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,42 +9,87 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.compilation import kernel
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # Half of the dense reward falls linearly over this distance, half exponentially over this one.
 FAR, NEAR = 1.0, 0.05
 
 
-@kernel
-def score_goals(achieved: Array, desired: Array, arm: float, tolerance: float, is_sparse: bool) -> tuple[Array, Array]:
-    """Return the rewards (n,) of achieved for desired goals (n, 2 or 4), and their distances (n,).
+class Pursuit(NamedTuple):
+    """The goals of a batch and how far their pursuit has come, one row per environment."""
 
-    Position differences count as they are, differences of (cos phi, sin phi) as seen at the end of `arm`. Sparse: 1
-    within `tolerance`, else 0. Dense: the mean of a far and a near term, each 1 at the goal and never negative.
-    """
+    goals: Array  # (n, p, g): those of successive steps, over and over
+    elapsed: Integers  # (n,): steps since the reset
+    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+
+
+class Scale(NamedTuple):
+    """What differences from a goal count."""
+
+    weights: Array  # (g,): of the squares of the differences
+    tolerance: float  # distance that counts as reached
+    is_sparse: bool  # which reward
+
+
+@kernel
+def _reward(distance: float, scale: Scale) -> float:
+    """Return the reward at a distance: 1 or 0, or the mean of a far and a near term, each 1 at the goal."""
+    if scale.is_sparse:
+        return 1.0 if distance <= scale.tolerance else 0.0
+    return 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
+
+
+@kernel
+def _distance(achieved: Array, desired: Array, weights: Array) -> float:
+    squared = 0.0
+    for j in range(achieved.shape[0]):
+        difference = achieved[j] - desired[j]
+        squared += weights[j] * difference * difference
+    return math.sqrt(squared)
+
+
+@kernel
+def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, Array]:
+    """Return the rewards (n,) of achieved for desired goals (n, g), and their distances (n,)."""
     count = achieved.shape[0]
     rewards, distances = np.empty(count), np.empty(count)
     for row in range(count):
-        squared = 0.0
-        for j in range(achieved.shape[1]):
-            difference = achieved[row, j] - desired[row, j]
-            squared += difference * difference * (1.0 if j < 2 else arm * arm)
-        distance = math.sqrt(squared)
-        distances[row] = distance
-        if is_sparse:
-            rewards[row] = 1.0 if distance <= tolerance else 0.0
-        else:
-            rewards[row] = 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
+        distances[row] = _distance(achieved[row], desired[row], scale.weights)
+        rewards[row] = _reward(distances[row], scale)
     return rewards, distances
 
 
 @kernel
-def goals_of(x: Array, leg_count: int) -> Array:
-    """Return the goals (n, 2 or 4) met by states (n, 2 legs + d): position, and (cos phi, sin phi) of a platform."""
+def pursue(
+    achieved: Array, rows: Integers, has_stepped: Mask, is_lost: Mask, pursuit: Pursuit, scale: Scale
+) -> tuple[Array, Array]:
+    """Return the present goals (m, g) of some rows and the rewards (m,) of what is achieved (m, g).
+
+    In the rows that have stepped, one entry each like those of `is_lost`, time goes on and what is held is counted
+    anew; a state whose stability is lost holds nothing.
+    """
+    desired, rewards = np.empty_like(achieved), np.empty(rows.shape[0])
+    period = pursuit.goals.shape[1]
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        pursuit.elapsed[row] += has_stepped[k]
+        desired[k] = pursuit.goals[row, pursuit.elapsed[row] % period]
+        distance = _distance(achieved[k], desired[k], scale.weights)
+        rewards[k] = _reward(distance, scale)
+        if has_stepped[k]:
+            pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_lost[k] else 0
+    return desired, rewards
+
+
+@kernel
+def poses_seen(x: Array, leg_count: int) -> Array:
+    """Return the poses of states (n, 2 legs + d) as agents see them, (n, 2 or 4): (x, y), and (cos phi, sin phi)."""
     pose = 2 * leg_count
     is_platform = x.shape[1] - pose == 3
-    goals = np.empty((x.shape[0], 4 if is_platform else 2))
+    seen = np.empty((x.shape[0], 4 if is_platform else 2))
     for row in range(x.shape[0]):
-        goals[row, 0], goals[row, 1] = x[row, pose], x[row, pose + 1]
+        seen[row, 0], seen[row, 1] = x[row, pose], x[row, pose + 1]
         if is_platform:
-            goals[row, 2], goals[row, 3] = math.cos(x[row, pose + 2]), math.sin(x[row, pose + 2])
-    return goals
+            seen[row, 2], seen[row, 3] = math.cos(x[row, pose + 2]), math.sin(x[row, pose + 2])
+    return seen

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.kernels import closure
-from pcm_gym.mechanism.leg import Leg, Revolute
+from pcm_gym.mechanism.leg import Leg, Revolute, Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector
 
 
@@ -17,7 +17,8 @@ from pcm_gym.mechanism.validation import finite_tuple, finite_vector
 class Units:
     """Factors from the kernels' dimensionless numbers to the mechanism's own units (multiply to leave the kernels).
 
-    Lengths are measured in the mean rod length L, forces in EI / L^2 with the mean bending stiffness EI.
+    Lengths are measured in the mean rod length L, forces in EI / L^2 with the mean bending stiffness EI, or in those of
+    the mechanism's reference rod.
     """
 
     length: float
@@ -53,6 +54,9 @@ class Mechanism:
         Actuator inputs of the home position, rad or m, within the limits; the middle of the limits by default.
     home_pose : sequence of float, optional
         The stable equilibrium nearest to this pose is home; the one of least energy by default.
+    reference : Rod, optional
+        Rod whose length and bending stiffness are the units of dimensionless numbers; the legs' means by default.
+        Variants of one mechanism share a reference, so that their numbers mean the same.
 
     Raises
     ------
@@ -65,6 +69,7 @@ class Mechanism:
     home_inputs: tuple[float, ...] | None = None
     home_pose: tuple[float, ...] | None = None
     description: str = field(default="", compare=False)
+    reference: Rod | None = None
 
     def __post_init__(self) -> None:
         legs = tuple(self.legs)
@@ -81,6 +86,8 @@ class Mechanism:
             )
         if len(legs) == 3 and len({leg.attachment for leg in legs}) == 1:
             raise ValueError(f"the attachments of a platform must not all coincide, got {legs[0].attachment}")
+        if self.reference is not None and not isinstance(self.reference, Rod):
+            raise TypeError(f"reference must be a Rod, got {self.reference!r}")
         self._check_home()
 
     def _check_home(self) -> None:
@@ -124,8 +131,9 @@ class Mechanism:
     @cached_property
     def units(self) -> Units:
         """Factors between the kernels' dimensionless numbers and SI."""
-        length = math.fsum(leg.rod.length for leg in self.legs) / self.leg_count
-        stiffness = math.fsum(leg.rod.bending_stiffness for leg in self.legs) / self.leg_count
+        rods = [leg.rod for leg in self.legs] if self.reference is None else [self.reference]
+        length = math.fsum(rod.length for rod in rods) / len(rods)
+        stiffness = math.fsum(rod.bending_stiffness for rod in rods) / len(rods)
         force = stiffness / length**2
         is_angle = [isinstance(leg.actuator, Revolute) for leg in self.legs]
         return Units(

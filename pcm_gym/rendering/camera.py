@@ -48,6 +48,12 @@ class Camera:
         from_centre = np.asarray(points, dtype=np.float64) - self.centre
         return from_centre * (self.scale, -self.scale) + 0.5 * np.array(self.size)
 
+    def points(self, pixels: ArrayLike) -> Array:
+        """Return the world points (..., 2) at pixel coordinates (column, row), the inverse of `pixels`."""
+        from_middle = np.asarray(pixels, dtype=np.float64) - 0.5 * np.array(self.size)
+        points: Array = from_middle / (self.scale, -self.scale) + self.centre
+        return points
+
     @property
     def bounds(self) -> Bounds:
         """What the picture shows, in m."""

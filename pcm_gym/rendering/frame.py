@@ -1,23 +1,27 @@
-"""Frames of a mechanism: one equilibrium, its goal and its trail as an array of pixels."""
+"""Frames of a mechanism: one equilibrium, and what is around and ahead of it, as an array of pixels."""
 
-from functools import lru_cache
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.rendering import parts
+from pcm_gym.rendering.backdrop import draw_grid, draw_workspace
 from pcm_gym.rendering.camera import Bounds, Camera, reach_bounds
 from pcm_gym.rendering.canvas import Canvas
+from pcm_gym.rendering.ghosts import draw_ghosts, draw_goal, draw_goal_platform, draw_path, draw_target, draw_trail
+from pcm_gym.rendering.lettering import make_legend, write_caption, write_label
 from pcm_gym.rendering.polylines import Polylines, equilibrium_polylines
 from pcm_gym.rendering.style import Colour, Style
-from pcm_gym.solving import Equilibrium
+from pcm_gym.solving import Equilibrium, Region
 
 _MAGNIFICATION = 3  # pixels drawn per pixel of the frame, each way
 _MARGIN = 18.0  # around the mechanism's reach, in pixels of the style: room for an actuator
 _STYLE_SIZE = 480.0
 _SIZE_MIN = 64
+_INSET, _INSET_MIN = 13.0, 6  # of the words from the picture's sides, in pixels of the style and of the frame
 _LEGEND_SIZE_MIN = 300  # a smaller frame has no room for the legend
 _POINTS = 60
 
@@ -35,11 +39,13 @@ class FrameRenderer:
     bounds : (x_min, x_max, y_min, y_max), optional
         What the camera shows, in m; by default all that the mechanism can reach within its limits.
     style : Style, optional
+    workspace : Region, optional
+        Map of the plane behind the mechanism, such as `Atlas.workspace` returns: a tinted area with its border.
 
     Raises
     ------
     ValueError
-        If the size is too small or the bounds are empty.
+        If the size is too small, the bounds are empty or the workspace has three axes.
 
     Notes
     -----
@@ -52,12 +58,16 @@ class FrameRenderer:
         size: tuple[int, int] = (480, 480),
         bounds: Bounds | None = None,
         style: Style | None = None,
+        *,
+        workspace: Region | None = None,
     ) -> None:
         width, height = size
         if min(width, height) < _SIZE_MIN:
             raise ValueError(f"size must be at least {_SIZE_MIN} pixels each way, got {size}")
         if bounds is not None and not (bounds[0] < bounds[1] and bounds[2] < bounds[3]):
             raise ValueError(f"bounds must be (x_min, x_max, y_min, y_max), not empty, got {bounds}")
+        if workspace is not None and workspace.mask.ndim != 2:
+            raise ValueError("workspace must be a region of the plane; for a platform take Atlas.workspace()")
         self._mechanism = mechanism
         self._style = style or Style()
         self._unit = min(width, height) / _STYLE_SIZE
@@ -66,8 +76,9 @@ class FrameRenderer:
         self._colours = self._style.moment_colours()
         rods = [leg.rod for leg in mechanism.legs]
         self._moment_max = self._style.moment_range * max(rod.bending_stiffness / rod.length for rod in rods)
-        self._backdrop = self._draw_backdrop()
-        self._legend = self._draw_legend() if min(width, height) >= _LEGEND_SIZE_MIN else None
+        self._backdrop = self._draw_backdrop(workspace)
+        has_legend = min(width, height) >= _LEGEND_SIZE_MIN
+        self._legend = make_legend(self._style, self._unit, self._colours, self._moment_max) if has_legend else None
 
     @property
     def camera(self) -> Camera:
@@ -82,8 +93,13 @@ class FrameRenderer:
         trail: ArrayLike | None = None,
         stability_lost: bool = False,
         caption: str = "",
+        *,
+        ghosts: Sequence[Equilibrium] = (),
+        target: Equilibrium | None = None,
+        path: ArrayLike | None = None,
+        snapped: bool = False,
     ) -> Frame:
-        """Return the frame of an equilibrium.
+        """Return the frame of an equilibrium; a load on it is drawn as an arrow.
 
         Parameters
         ----------
@@ -98,7 +114,16 @@ class FrameRenderer:
         stability_lost : bool
             Whether the motion has just met a fold or bifurcation: red, framed and labelled as such.
         caption : str
-            Small text at the lower left.
+            Small text at the lower left; cut where there is no room for it.
+        ghosts : sequence of Equilibrium
+            Others at the same inputs, faint behind the present one: stable ones solid, unstable ones dashed.
+        target : Equilibrium, optional
+            The equilibrium to go to, in the goal's colour.
+        path : array_like (n, d), optional
+            Poses along which the goal moves, m and rad. Closed if it ends where it begins.
+        snapped : bool
+            Whether the mechanism has just snapped to this equilibrium: labelled as such, calmly. No label if it is
+            unstable or `stability_lost`, which have their own.
 
         Returns
         -------
@@ -108,56 +133,55 @@ class FrameRenderer:
         Raises
         ------
         ValueError
-            If the equilibrium is of another mechanism, or an array has the wrong shape or is not finite.
+            If an equilibrium is of another mechanism, or an array has the wrong shape or is not finite.
         """
-        mechanism = self._mechanism
-        if equilibrium.mechanism != mechanism:
-            raise ValueError(f"equilibrium must be of {mechanism.name!r}, got one of {equilibrium.mechanism.name!r}")
+        mechanism, style = self._mechanism, self._style
+        self._check_mechanism("equilibrium", equilibrium)
+        for ghost in ghosts:
+            self._check_mechanism("ghosts", ghost)
+        if target is not None:
+            self._check_mechanism("target", target)
         goal_pose = None if goal is None else mechanism.check_pose(goal)
-        trail_points = np.empty((0, 2)) if trail is None else _check_trail(trail)
-        label = "STABILITY LOST" if stability_lost else "" if equilibrium.is_stable else "UNSTABLE"
+        trail_points, path_poses = _check_rows("trail", trail, 2), _check_rows("path", path, mechanism.dof)
+        alarm = "STABILITY LOST" if stability_lost else "" if equilibrium.is_stable else "UNSTABLE"
 
         canvas = self._canvas(self._backdrop.copy())
-        parts.draw_trail(canvas, self._style, trail_points)
+        draw_path(canvas, style, mechanism, path_poses)
+        draw_ghosts(canvas, style, ghosts)
+        if target is not None:
+            draw_target(canvas, style, target)
+        draw_trail(canvas, style, trail_points)
         lines = equilibrium_polylines(equilibrium, _POINTS)
         self._draw_platforms(canvas, lines, goal_pose)
-        self._draw_legs(canvas, lines, alarm=bool(label))
+        self._draw_legs(canvas, lines, alarm=bool(alarm))
         if goal_pose is not None:
-            parts.draw_goal(canvas, self._style, goal_pose, success_distance)
-        parts.draw_end_effector(canvas, self._style, lines)
+            draw_goal(canvas, style, goal_pose, success_distance)
+        parts.draw_load(canvas, style, mechanism, equilibrium.load, lines.end_effector)
+        parts.draw_end_effector(canvas, style, lines)
         image = canvas.image.reduce(_MAGNIFICATION)
-        self._write(image, caption, label)
+        self._write(image, caption, alarm, "SNAPPED" if snapped else "")
         return np.array(image)
 
-    def _draw_backdrop(self) -> Image.Image:
+    def _check_mechanism(self, name: str, equilibrium: Equilibrium) -> None:
+        if equilibrium.mechanism != self._mechanism:
+            own, other = self._mechanism.name, equilibrium.mechanism.name
+            raise ValueError(f"{name} must be of mechanism {own!r}, got an equilibrium of {other!r}")
+
+    def _draw_backdrop(self, workspace: Region | None) -> Image.Image:
         width, height = self._camera.size
         size = (_MAGNIFICATION * width, _MAGNIFICATION * height)
         canvas = self._canvas(Image.new("RGB", size, self._style.background))
-        parts.draw_grid(canvas, self._style)
+        draw_grid(canvas, self._style)
+        if workspace is not None:
+            draw_workspace(canvas, self._style, workspace)
         parts.draw_rails(canvas, self._style, self._mechanism)
         return canvas.image
-
-    def _draw_legend(self) -> Image.Image:
-        """Return the colour bar of the bending moment, with its ends."""
-        style, unit = self._style, self._unit
-        width, bar = round(style.legend_width * unit), max(3, round(5.0 * unit))
-        font = _font(style.legend_size * unit)
-        colours = np.array(self._colours, dtype=np.uint8)
-        entries = np.linspace(0, len(colours) - 1, width).round().astype(int)
-        legend = Image.new("RGB", (width, bar + round(1.5 * style.legend_size * unit)), style.background)
-        legend.paste(Image.fromarray(np.tile(colours[entries], (bar, 1, 1))), (0, legend.height - bar))
-        pen, row = ImageDraw.Draw(legend), legend.height - bar - round(4.0 * unit)
-        ends = f"{self._moment_max:.2g}"
-        pen.text((0, row), f"-{ends}", style.ink, font, anchor="ls")
-        pen.text((width // 2, row), "moment", style.ink, font, anchor="ms")
-        pen.text((width, row), ends, style.ink, font, anchor="rs")
-        return legend
 
     def _draw_platforms(self, canvas: Canvas, lines: Polylines, goal: NDArray[np.float64] | None) -> None:
         if self._mechanism.dof != 3:
             return
         if goal is not None:
-            parts.draw_goal_platform(canvas, self._style, self._mechanism, goal)
+            draw_goal_platform(canvas, self._style, self._mechanism, goal)
         parts.draw_platform(canvas, self._style, lines)
 
     def _draw_legs(self, canvas: Canvas, lines: Polylines, *, alarm: bool) -> None:
@@ -173,39 +197,29 @@ class FrameRenderer:
         entries = np.rint((np.clip(part, -1.0, 1.0) + 1.0) * 0.5 * (len(self._colours) - 1)).astype(int)
         return [[self._colours[entry] for entry in row] for row in entries.tolist()]
 
-    def _write(self, image: Image.Image, caption: str, label: str) -> None:
-        style, (width, height) = self._style, self._camera.size
-        pen, inset = ImageDraw.Draw(image), round(13.0 * self._unit)
-        if label:
-            border = max(2, round(style.border_width * self._unit))
-            pen.rectangle((0, 0, width - 1, height - 1), None, style.alarm, border)
-            font = _font(style.label_size * self._unit)
-            place = (0.5 * width, border + 0.75 * style.label_size * self._unit)
-            left, _, right, bottom = pen.textbbox(place, label, font, anchor="mm")
-            pad = 0.5 * style.label_size * self._unit
-            box = (left - pad, -pad, right + pad, bottom + 0.6 * pad)
-            pen.rounded_rectangle(box, 0.6 * pad, style.alarm)
-            pen.text(place, label, (255, 255, 255), font, anchor="mm")
+    def _write(self, image: Image.Image, caption: str, alarm: str, notice: str) -> None:
+        style, unit, (width, height) = self._style, self._unit, self._camera.size
+        inset = max(_INSET_MIN, round(_INSET * unit))
+        room = width - 2.0 * inset
+        if alarm:
+            write_label(image, style, unit, alarm, style.alarm, framed=True)
         elif self._legend is not None:
-            corner = (width - self._legend.width - inset, height - self._legend.height - inset)
-            image.paste(self._legend, corner)
+            spare = inset - round(style.legend_rim * unit)
+            image.paste(self._legend, (width - self._legend.width - spare, height - self._legend.height - spare))
+            room -= self._legend.width
+        if notice and not alarm:
+            write_label(image, style, unit, notice, style.notice, framed=False)
         if caption:
-            place = (inset, height - inset)
-            pen.text(place, caption, style.ink, _font(style.font_size * self._unit), anchor="ls")
+            write_caption(image, style, unit, caption, inset, room)
 
     def _canvas(self, image: Image.Image) -> Canvas:
         return Canvas(image, self._camera.magnified(_MAGNIFICATION), _MAGNIFICATION * self._unit)
 
 
-@lru_cache(maxsize=8)
-def _font(size: float) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
-    return ImageFont.load_default(max(8.0, size))
-
-
-def _check_trail(trail: ArrayLike) -> NDArray[np.float64]:
-    points = np.array(trail, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"trail must have shape (n, 2), got shape {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("trail must be finite")
-    return points
+def _check_rows(name: str, value: ArrayLike | None, size: int) -> NDArray[np.float64]:
+    rows = np.empty((0, size)) if value is None else np.array(value, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != size:
+        raise ValueError(f"{name} must have shape (n, {size}), got shape {rows.shape}")
+    if not np.isfinite(rows).all():
+        raise ValueError(f"{name} must be finite")
+    return rows

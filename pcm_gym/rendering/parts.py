@@ -1,4 +1,4 @@
-"""The parts of a picture, each drawn by one function."""
+"""The parts of a mechanism and its load, each drawn by one function."""
 
 import math
 
@@ -8,20 +8,12 @@ from numpy.typing import NDArray
 from pcm_gym.mechanism import Leg, Mechanism, Revolute
 from pcm_gym.rendering.camera import rail_ends
 from pcm_gym.rendering.canvas import Canvas
-from pcm_gym.rendering.polylines import Polylines, platform_points
+from pcm_gym.rendering.polylines import Polylines
 from pcm_gym.rendering.style import Colour, Style
 
 Array = NDArray[np.float64]
 
-
-def draw_grid(canvas: Canvas, style: Style) -> None:
-    """Draw lines 1, 2 or 5 times a power of ten apart, about eight across the picture."""
-    x_min, x_max, y_min, y_max = canvas.camera.bounds
-    step = _round_step((x_max - x_min) / 8.0)
-    for x in step * np.arange(math.ceil(x_min / step), math.floor(x_max / step) + 1):
-        canvas.polyline([(x, y_min), (x, y_max)], style.grid, 1.0)
-    for y in step * np.arange(math.ceil(y_min / step), math.floor(y_max / step) + 1):
-        canvas.polyline([(x_min, y), (x_max, y)], style.grid, 1.0)
+_ARC_POINTS = 40
 
 
 def draw_rails(canvas: Canvas, style: Style, mechanism: Mechanism) -> None:
@@ -70,30 +62,28 @@ def draw_end_effector(canvas: Canvas, style: Style, lines: Polylines) -> None:
     canvas.disc(lines.end_effector, style.hinge_radius + 1.2, style.ink, style.background, 1.2)
 
 
-def draw_goal_platform(canvas: Canvas, style: Style, mechanism: Mechanism, pose: Array) -> None:
-    """Draw the ghost of the platform at the goal pose."""
-    outline = platform_points(mechanism, pose)
-    canvas.polygon(outline, (*style.goal, 26))
-    canvas.polyline(outline, style.goal, style.outline_width, closed=True)
-    canvas.polyline([pose[:2], outline[0]], style.goal, style.outline_width)
+def draw_load(canvas: Canvas, style: Style, mechanism: Mechanism, load: Array, place: Array) -> None:
+    """Draw the force as an arrow from the end-effector and the moment as one around it, the stronger the longer.
+
+    Lengths grow as x / (1 + x), where x = 1 is a force EI / L^2 or a moment EI / L: weak loads show, strong ones fit.
+    """
+    parts = load / mechanism.units.load
+    force = math.hypot(parts[0], parts[1])
+    if force > 0.0:
+        length = canvas.metres(_between(style.force_lengths, force))
+        canvas.arrow([place, place + length / force * parts[:2]], style.ink, style.load_width, style.background)
+    moment = float(parts[2]) if mechanism.dof == 3 else 0.0
+    if moment != 0.0:
+        half_turn = math.copysign(0.5 * _between(style.moment_turns, abs(moment)), moment)
+        angles = 0.5 * math.pi + np.linspace(-half_turn, half_turn, _ARC_POINTS)
+        radius = canvas.metres(style.moment_radius)
+        arc = place + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        canvas.arrow(arc, style.ink, style.load_width, style.background)
 
 
-def draw_goal(canvas: Canvas, style: Style, pose: Array, success_distance: float | None) -> None:
-    """Draw a cross at the goal and the circle of success around it."""
-    place, arm = pose[:2], canvas.metres(style.goal_arm)
-    if success_distance is not None:
-        radius = success_distance * canvas.camera.scale / canvas.unit
-        canvas.disc(place, radius, (*style.goal, 42), style.goal, 1.2)
-    for direction in ((arm, arm), (arm, -arm)):
-        canvas.polyline([place - direction, place + direction], style.goal, 2.2)
-
-
-def draw_trail(canvas: Canvas, style: Style, trail: Array) -> None:
-    """Draw the way of the end-effector, `trail` (n, 2), oldest first and faintest."""
-    if len(trail) < 2:
-        return
-    opacities = np.linspace(0.12, 0.9, len(trail) - 1)
-    canvas.ribbon(trail, [style.mix(style.trail, float(opacity)) for opacity in opacities], style.trail_width)
+def _between(ends: tuple[float, float], size: float) -> float:
+    """Return the first of both ends for nothing and nearly the second for very much."""
+    return ends[0] + (ends[1] - ends[0]) * size / (1.0 + size)
 
 
 def _draw_body(canvas: Canvas, style: Style, leg: Leg, base: Array) -> None:
@@ -104,8 +94,3 @@ def _draw_body(canvas: Canvas, style: Style, leg: Leg, base: Array) -> None:
     for grown, colour in ((style.outline_width, style.metal), (0.0, style.metal_light)):
         extent = (-half - grown, half + grown)
         canvas.box(base, leg.actuator.axis_angle, extent, 1.3 * half + 2.0 * grown, colour)
-
-
-def _round_step(wanted: float) -> float:
-    power: float = 10.0 ** math.floor(math.log10(wanted))
-    return power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= wanted)

@@ -23,6 +23,12 @@ class Style:
     platform: Paint = (120, 134, 158, 105)
     goal: Colour = (0, 140, 104)
     trail: Colour = (148, 112, 190)
+    ghost: Colour = (158, 166, 180)
+    target_band: Colour = (196, 228, 216)
+    path: Colour = (122, 190, 168)
+    workspace: Paint = (96, 142, 196, 26)
+    workspace_border: Colour = (176, 196, 220)
+    notice: Colour = (84, 92, 104)
     alarm: Colour = (214, 24, 38)
     moment_negative: tuple[Colour, ...] = ((0, 158, 240), (28, 112, 182))  # outermost first
     moment_zero: Colour = (62, 68, 82)
@@ -32,6 +38,19 @@ class Style:
     halo_width: float = 7.0
     trail_width: float = 1.6
     outline_width: float = 1.6
+    ghost_width: float = 1.4
+    ghost_opacity: float = 0.75  # of an unstable one
+    ghost_crowd: float = 8.0  # number of unstable ones above which they grow fainter
+    ghost_dashes: tuple[float, float] = (5.0, 4.0)  # dash and gap
+    target_band_width: float = 7.0
+    path_width: float = 1.6
+    tick_spacing: float = 34.0
+    tick_length: float = 9.0
+    border_line_width: float = 1.2
+    load_width: float = 2.2
+    force_lengths: tuple[float, float] = (18.0, 70.0)  # of the weakest and of the strongest
+    moment_radius: float = 20.0
+    moment_turns: tuple[float, float] = (1.0, 4.8)  # likewise, rad
     motor_radius: float = 10.0
     clamp_length: float = 15.0
     clamp_width: float = 9.0
@@ -42,6 +61,7 @@ class Style:
     label_size: float = 17.0
     legend_width: float = 124.0
     legend_size: float = 11.0
+    legend_rim: float = 5.0
 
     moment_range: float = 3.0  # the moment with full colour, in units of EI / L
 

@@ -1,11 +1,11 @@
 """What an agent observes of a state, element by element."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from pcm_gym.mechanism import Mechanism, Revolute
 
@@ -43,15 +43,37 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     return tuple(elements)
 
 
-def _pose_elements(mechanism: Mechanism) -> list[Element]:
+def goal_elements(mechanism: Mechanism, steps: int) -> tuple[Element, ...]:
+    """Return the elements that tell where the goal will be after some steps."""
+    return tuple(_pose_elements(mechanism, f"_in_{steps}", f" of the goal {steps} steps from now"))
+
+
+def load_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Return the elements that tell a load drawn from a box."""
+    names = ("force along x", "force along y", "moment")[: mechanism.dof]
+    return tuple(
+        Element(f"load_{n}", f"{name} on the end-effector within its range", "half range", -1.0, 1.0)
+        for n, name in enumerate(names, start=1)
+    )
+
+
+def command_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Return the elements that tell what the actuators have been told, where they do not follow at once."""
+    return tuple(
+        Element(f"command_{n}", f"commanded position of actuator {n} within its limits", "half range", -1.0, 1.0)
+        for n in range(1, mechanism.leg_count + 1)
+    )
+
+
+def _pose_elements(mechanism: Mechanism, suffix: str = "", what: str = " of the end-effector") -> list[Element]:
     reach = pose_reach(mechanism)
     elements = [
-        Element("x", "position of the end-effector", "mean rod length", -reach, reach),
-        Element("y", "position of the end-effector", "mean rod length", -reach, reach),
+        Element(f"x{suffix}", f"position{what}", "mean rod length", -reach, reach),
+        Element(f"y{suffix}", f"position{what}", "mean rod length", -reach, reach),
     ]
     if mechanism.dof == 3:
-        elements.append(Element("cos_phi", "cosine of the platform's angle", "1", -1.0, 1.0))
-        elements.append(Element("sin_phi", "sine of the platform's angle", "1", -1.0, 1.0))
+        elements.append(Element(f"cos_phi{suffix}", f"cosine of the angle{what}", "1", -1.0, 1.0))
+        elements.append(Element(f"sin_phi{suffix}", f"sine of the angle{what}", "1", -1.0, 1.0))
     return elements
 
 
@@ -77,18 +99,10 @@ def pose_reach(mechanism: Mechanism) -> float:
     return reach / mechanism.units.length
 
 
-def observation_box(mechanism: Mechanism) -> spaces.Box:
-    """Return the space of the observation, (elements,), float64."""
-    elements = observation_elements(mechanism)
+def box_of(elements: Sequence[Element]) -> spaces.Box:
+    """Return the space of elements, (elements,), float64."""
     return spaces.Box(
         np.array([element.low for element in elements]),
         np.array([element.high for element in elements]),
         dtype=np.float64,
     )
-
-
-def goal_box(mechanism: Mechanism) -> spaces.Box:
-    """Return the space of achieved and desired goals: (x, y) in mean rod lengths, a platform's (cos phi, sin phi)."""
-    reach = pose_reach(mechanism)
-    bounds: NDArray[np.float64] = np.array([reach, reach, 1.0, 1.0][: 2 * (mechanism.dof - 1)])
-    return spaces.Box(-bounds, bounds, dtype=np.float64)

@@ -1,198 +1,121 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal
+from functools import lru_cache
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from pcm_gym.kernels.goals import goals_of, score_goals
-from pcm_gym.kernels.threads import pieces_of, run_all
-from pcm_gym.kernels.transition import States, wander
-from pcm_gym.mechanism import Mechanism, Revolute
-from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.kernels.roadmap import stay_stable
+from pcm_gym.kernels.transition import States
+from pcm_gym.mechanism.validation import one_of
+from pcm_gym.tasks.scene import Scene, nodes_by_weight
+from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
 Array = NDArray[np.float64]
-RewardType = Literal["dense", "sparse"]
+Integers = NDArray[np.int64]
+ReachDifficulty = Literal["near", "anywhere", "detour"]
 
-# Walks that make a start from home, how many steps each may take at most, and how many of the agent's each one spans.
-_START_WALKS, _START_STEPS, _START_STRIDE = 2, 10, 4.0
-# Steps of the walk from start to goal.
-_GOAL_STEPS_MIN, _GOAL_STEPS_MAX = 5, 15
-_ATTEMPTS = 32
-# Starts and goals keep this many times the margin below which a state counts as nearly singular, and this many of the
-# agent's steps from the actuators' limits.
-_MARGIN_RESERVE, _LIMIT_RESERVE = 2.0, 2.0
-
-
-@dataclass(frozen=True)
-class Episodes:
-    """Starts and goals, dimensionless as in the kernels, one row per episode; at the inputs `witness` a goal is met."""
-
-    x: Array  # (n, 2 legs + d)
-    inputs: Array  # (n, legs)
-    load: Array  # (n, d)
-    goal: Array  # (n, 2 or 4)
-    witness: Array  # (n, legs)
-
-    def repeated(self, count: int) -> "Episodes":
-        """Return `count` copies, one row each, of the first one."""
-        arrays = (self.x, self.inputs, self.load, self.goal, self.witness)
-        return Episodes(*(np.repeat(array[:1], count, axis=0) for array in arrays))
+# Steps of the walk from start to a near goal.
+_WALK_STEPS = (5, 15)
+# Goals at which the start is already are drawn again so many times; after some of them together with the start, from
+# which there may be nowhere to walk to.
+_ATTEMPTS, _ATTEMPTS_AT_START = 16, 4
+# Starts from which detours are sought, goals tried from each, and the most steps of a detour.
+_DETOUR_STARTS, _DETOUR_GOALS, _LONGEST_DETOUR = 48, 96, 80
 
 
 @dataclass(frozen=True)
-class ReachTask:
-    """The goals, rewards and success of reaching, as functions over a batch.
+class Reach(Task):
+    """Reach a goal pose.
 
     Attributes
     ----------
-    mechanism : Mechanism
-    reward_type : "dense" or "sparse"
-        Sparse: 1 within `success_distance`, else 0. Dense: (max(0, 1 - e) + exp(-e / 0.05)) / 2 with the distance e
-        in mean rod lengths. Both are never negative, so that ending an episode early never pays.
-    success_distance : float
-        Goal distance in m that counts as reached; for a platform the turn counts as the path of its hinges.
+    goals : Goals
+    difficulty : "near", "anywhere" or "detour"
+        Where the goals are. Near: 5 to 15 straight steps from the start. Anywhere: evenly over the poses that stable
+        paths reach. Detour: where the straight way of the inputs loses stability, but another way, of up to 80 steps,
+        does not.
     """
 
-    mechanism: Mechanism
-    reward_type: RewardType = "dense"
-    success_distance: float = 0.02
+    time_limit: ClassVar[int] = 100
+
+    difficulty: ReachDifficulty = "near"
 
     def __post_init__(self) -> None:
-        one_of("reward_type", self.reward_type, ("dense", "sparse"))
-        positive_number("success_distance", self.success_distance)
+        one_of("difficulty", self.difficulty, ("near", "anywhere", "detour"))
 
-    @cached_property
-    def _arm(self) -> float:
-        """Root mean square distance of the hinges from the end-effector's origin, in mean rod lengths."""
-        squares = [x * x + y * y for x, y in (leg.attachment for leg in self.mechanism.legs)]
-        return math.sqrt(math.fsum(squares) / len(squares)) / self.mechanism.units.length
-
-    def goals_from_features(self, features: Array) -> Array:
-        """Return what of the features (n, m) is the achieved goal, (n, 2) or (n, 4), as a new array."""
-        return features[:, : 2 * (self.mechanism.dof - 1)].copy()
-
-    def goal_from_pose(self, pose: Array) -> Array:
-        """Return the goal, (2,) or (4,), of a pose in the mechanism's units."""
-        position = pose[:2] / self.mechanism.units.length
-        if self.mechanism.dof == 2:
-            return position
-        return np.array([position[0], position[1], math.cos(pose[2]), math.sin(pose[2])])
-
-    def pose_from_goal(self, goal: Array) -> Array:
-        """Return the pose (d,) in the mechanism's units that a goal, (2,) or (4,), stands for."""
-        position = goal[:2] * self.mechanism.units.length
-        if self.mechanism.dof == 2:
-            return position
-        return np.array([position[0], position[1], math.atan2(goal[3], goal[2])])
-
-    @property
-    def tolerance(self) -> float:
-        """Goal distance in mean rod lengths that counts as reached."""
-        return self.success_distance / self.mechanism.units.length
-
-    def score(self, achieved: Array, desired: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return rewards and successes, (n,) each, of achieved for desired goals (n, 2 or 4)."""
-        rewards, distances = score_goals(achieved, desired, self._arm, self.tolerance, self.reward_type == "sparse")
-        return rewards, distances <= self.tolerance
-
-    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
-        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
-        achieved = np.asarray(achieved_goal, dtype=np.float64)
-        desired = np.asarray(desired_goal, dtype=np.float64)
-        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
-        return float(rewards[0]) if achieved.ndim == 1 else rewards
-
-    def sample_episodes(
-        self,
-        home: Episodes,
-        stride: Array,
-        least_margin: float,
-        generators: Sequence[np.random.Generator],
-        threads: int = 1,
-    ) -> Episodes:
-        """Return a new episode for each generator: a start walked to from the first `home`, and a goal from there.
-
-        The walks keep to stable states whose margin is at least twice `least_margin`. That to the goal takes steps
-        of at most `stride` (dimensionless), the agent's own, so the goal can be reached without cost. An episode
-        depends on its generator alone.
-        """
-        start, reserve = home.repeated(len(generators)), _MARGIN_RESERVE * least_margin
-        states = States(start.x, start.inputs, start.load)
-        draws = self._draw(generators, _START_WALKS)
-        for walk in range(_START_WALKS):
-            self._walk(states, draws[:, walk], (0, _START_STEPS), stride, reserve, threads, _START_STRIDE)
-        return self._with_goals(start, stride, least_margin, generators, threads)
-
-    def sample_goals(
-        self,
-        start: Episodes,
-        stride: Array,
-        least_margin: float,
-        generators: Sequence[np.random.Generator],
-        threads: int = 1,
-    ) -> Episodes:
-        """Return episodes that begin where the first `start` does, each with a new goal away from there."""
-        return self._with_goals(start.repeated(len(generators)), stride, least_margin, generators, threads)
-
-    def _with_goals(
-        self,
-        start: Episodes,
-        stride: Array,
-        least_margin: float,
-        generators: Sequence[np.random.Generator],
-        threads: int,
-    ) -> Episodes:
-        here = goals_of(start.x, self.mechanism.leg_count)
-        goal, witness = here.copy(), start.inputs.copy()
+    def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
+        """Return episodes whose starts are spread evenly, and whose goals can be reached without any cost."""
+        if self.difficulty == "detour":
+            return self._detours(scene, generators)
+        start = starts_of(scene, generators, threads)
+        ends = States(*(array.copy() for array in start))
         rows = np.arange(len(generators))
-        for _ in range(_ATTEMPTS):
-            states = States(start.x[rows], start.inputs[rows], start.load[rows])
-            draws = self._draw([generators[row] for row in rows.tolist()], 1)[:, 0]
-            self._walk(
-                states, draws, (_GOAL_STEPS_MIN, _GOAL_STEPS_MAX), stride, _MARGIN_RESERVE * least_margin, threads
-            )
-            goal[rows], witness[rows] = goals_of(states.x, self.mechanism.leg_count), states.inputs
-            rows = rows[self.score(goal[rows], here[rows])[1]]
+        for attempt in range(_ATTEMPTS):
+            chosen = [generators[row] for row in rows.tolist()]
+            if attempt >= _ATTEMPTS_AT_START:
+                _put(starts_of(scene, chosen, threads), start, rows)
+            found = self._ends(scene, States(*(array[rows] for array in start)), chosen, threads)
+            _put(found, ends, rows)
+            rows = rows[self._at_goal(start, ends, rows)]
             if not len(rows):
                 break
-        return Episodes(start.x, start.inputs, start.load, goal, witness)
+        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
 
-    def _draw(self, generators: Sequence[np.random.Generator], walks: int) -> Array:
-        """Return numbers from [0, 1), (n, walks, 1 + legs): what decides a walk's length and target."""
-        count = 1 + self.mechanism.leg_count
-        return np.array([generator.random(walks * count) for generator in generators]).reshape(-1, walks, count)
+    def _ends(self, scene: Scene, start: States, generators: Generators, threads: int) -> States:
+        """Return the states at which goals are met, drawn for these starts; `start` may be changed."""
+        numbers = draw(generators, 1 + scene.mechanism.leg_count)
+        if self.difficulty == "anywhere":
+            return scene.starts(numbers, threads)
+        scene.walk(start, numbers, _WALK_STEPS, threads)
+        return start
 
-    def _walk(
-        self,
-        states: States,
-        draws: Array,
-        steps_range: tuple[int, int],
-        stride: Array,
-        least_margin: float,
-        threads: int,
-        pace: float = 1.0,
-    ) -> None:
-        """Walk a number of steps of `pace` strides towards inputs drawn evenly from within the limits, in place."""
-        mechanism = self.mechanism
-        lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
-        reserve = np.minimum(_LIMIT_RESERVE * stride, 0.25 * (upper - lower))
-        targets = lower + reserve + draws[:, 1:] * (upper - lower - 2.0 * reserve)
-        least, most = steps_range
-        steps = least + (draws[:, 0] * (most - least + 1)).astype(np.int64)
+    def _at_goal(self, start: States, ends: States, rows: Integers) -> NDArray[np.bool_]:
+        """Return in which of some rows the start is at the goal already."""
+        here, there = (self.goals.of_states(states.x[rows], states.inputs[rows]) for states in (start, ends))
+        return self.goals.score(here, there)[1]
 
-        def walk(first: int, last: int) -> None:
-            rows = States(*(array[first:last] for array in states))
-            wander(mechanism.leg_table, rows, targets[first:last], pace * stride, steps[first:last], least_margin)
-
-        run_all(pieces_of(walk, len(steps), threads), threads)
+    def _detours(self, scene: Scene, generators: Generators) -> Episodes:
+        pairs = detours(scene)
+        chosen = pairs[(draw(generators, 1)[:, 0] * len(pairs)).astype(np.int64)]
+        start = scene.at_nodes(chosen[:, 0])
+        if scene.origin is not None:
+            start = scene.at_equilibrium(scene.origin, len(generators))
+        ends = scene.at_nodes(chosen[:, 1])
+        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
 
 
-def default_max_action(mechanism: Mechanism) -> Array:
-    """Return the increment of each input for an action of 1: 0.1 rad, or 0.03 of the mean rod length."""
-    is_angle = [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
-    return np.where(is_angle, 0.1, 0.03 * mechanism.units.length)
+def _put(found: States, states: States, rows: Integers) -> None:
+    for array, values in zip(states, found, strict=True):
+        array[rows] = values
+
+
+@lru_cache(maxsize=64)
+def detours(scene: Scene) -> Integers:
+    """Return pairs (n, 2) of nodes of the roadmap between which a detour is needed, and exists.
+
+    Raises
+    ------
+    ValueError
+        If none is found.
+    """
+    roadmap, numbers = scene.roadmap, np.random.default_rng(0)
+    starts = np.array(roadmap.seeds)
+    if scene.origin is None:
+        starts = nodes_by_weight(roadmap.pose_densities, numbers.random(_DETOUR_STARTS))
+    count = _DETOUR_STARTS * _DETOUR_GOALS // len(starts)
+    steps, longest = roadmap.step_counts(starts), _LONGEST_DETOUR / scene.steps_per_way
+    goals = np.stack(
+        [nodes_by_weight(roadmap.pose_densities * (row <= longest), numbers.random(count)) for row in steps]
+    )
+    pairs = np.column_stack([np.repeat(starts, count), goals.ravel()])
+    targets = scene.at_nodes(pairs[:, 1]).inputs
+    found = pairs[~stay_stable(scene.mechanism.leg_table, scene.at_nodes(pairs[:, 0]), targets)]
+    if not len(found):
+        raise ValueError(
+            f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: "
+            "every straight way within the limits that was tried keeps stability"
+        )
+    return found

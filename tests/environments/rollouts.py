@@ -14,7 +14,7 @@ import pcm_gym
 Array = NDArray[np.float64]
 
 # The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
-FOLDING = {"PCM/2PFR-Reach-v0": {"load": (2.0, -1.0)}}
+FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
 
 COSTS = ("cost_unstable", "cost_singular", "cost_limit", "cost_solver")
 INFO_TYPES = {
@@ -31,7 +31,11 @@ INFO_TYPES = {
 
 def folding_arguments(environment_id: str) -> dict[str, Any]:
     """Keywords with which the environment can lose stability."""
-    return FOLDING.get(environment_id, {})
+    return FOLDING.get(mechanism_of(environment_id), {})
+
+
+def mechanism_of(environment_id: str) -> str:
+    return environment_id.removeprefix("PCM/").split("-")[0]
 
 
 def make_bare(environment_id: str, **keywords: Any) -> Any:

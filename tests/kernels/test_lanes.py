@@ -102,7 +102,7 @@ def test_formulas_are_the_same_without_compilation() -> None:
 
 def simulation_of(name: str, rows: int, *, is_loaded: bool, thread_count: int = 1) -> Simulation:
     load = LOADS[name] if is_loaded else None
-    settings = Settings.from_arguments(name, "dense", "terminate", load, None, 0.02, None)
+    settings = Settings.from_arguments(name, load=load)
     simulation = Simulation(settings, rows, thread_count)
     simulation.reset_rows(np.arange(rows), [np.random.default_rng(row) for row in range(rows)], None)
     return simulation
@@ -135,20 +135,20 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
     events, same = np.zeros(len(EVENTS), dtype=int), 0
     for _ in range(30):
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
-        alone, expected, found = copied(simulation.states), simulation._empty_report(), simulation._empty_report()
+        alone, expected, found = copied(simulation.rows.states), simulation._empty_report(), simulation._empty_report()
         for rows, factor in ((np.arange(1, count, 2), 1.0), (np.arange(0, count, 2), 2.0)):
-            step_batch(legs, simulation.states, rows, actions, factor * stride, threshold, found)
+            step_batch(legs, simulation.rows.states, rows, actions, factor * stride, threshold, found)
             step_alone(legs, alone, rows, actions, factor * stride, threshold, expected)
         for row in (MORSE_INDEX, EVENT):
             np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
         np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)
         np.testing.assert_array_equal(found.costs, expected.costs)
-        np.testing.assert_array_equal(simulation.states.inputs, alone.inputs)
-        same += ((simulation.states.x == alone.x).all(axis=1) & (found.verdicts[EVENT] == 0)).sum()
+        np.testing.assert_array_equal(simulation.rows.states.inputs, alone.inputs)
+        same += ((simulation.rows.states.x == alone.x).all(axis=1) & (found.verdicts[EVENT] == 0)).sum()
         scale = 1.0 + np.abs(alone.x).max(axis=1, keepdims=True)
         # both end when the next correction would be below 1e-13; near a pole of a rod's stiffness lanes may keep errors
         # of closure and force of up to 1e-12
-        assert (np.abs(simulation.states.x - alone.x) / scale).max() < 1e-11
+        assert (np.abs(simulation.rows.states.x - alone.x) / scale).max() < 1e-11
         assert found.verdicts[RESIDUAL].max() < 1e-11
         is_calm = expected.verdicts[RESIDUAL] < 1e-12
         features, expected_features = found.features[is_calm], expected.features[is_calm]
@@ -166,11 +166,11 @@ def test_rows_do_not_depend_on_their_neighbours(name: str) -> None:
     count, generator = 1000, np.random.default_rng(3)
     simulation = simulation_of(name, count, is_loaded=True)
     actions = generator.uniform(-1.0, 1.0, (count, simulation.settings.mechanism.leg_count))
-    whole = copied(simulation.states)
+    whole = copied(simulation.rows.states)
     expected = stepped(simulation, whole, actions, [np.arange(count)])
     for size in (1, 2, 7, 8, 9, 64, 65, 1000):
         order = generator.permutation(count)
-        states = copied(simulation.states)
+        states = copied(simulation.rows.states)
         report = stepped(simulation, states, actions, [order[n : n + size] for n in range(0, count, size)])
         for found, array in zip((*states, *report), (*whole, *expected), strict=True):
             assert found.tobytes() == array.tobytes(), size

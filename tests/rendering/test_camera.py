@@ -31,6 +31,12 @@ def test_fit_keeps_bounds_within_margin_and_touches_one_pair_of_sides(size: tupl
     assert spare.min() == pytest.approx(10.0)
 
 
+def test_points_and_pixels_are_inverse() -> None:
+    camera = Camera.fit((-1.0, 3.0, 0.5, 2.0), (400, 300), margin=7.0)
+    points = np.random.default_rng(0).normal(size=(3, 4, 2))
+    np.testing.assert_allclose(camera.points(camera.pixels(points)), points, atol=1e-12)
+
+
 def test_magnified_camera_sees_the_same() -> None:
     camera = Camera.fit((-1.0, 1.0, -2.0, 3.0), (300, 200), margin=5.0)
     assert camera.magnified(3).bounds == pytest.approx(camera.bounds)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import pcm_gym
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import goal_box, observation_box, observation_elements
+from pcm_gym.tasks import Goals, box_of, observation_elements
 from tests.environments.rollouts import folding_arguments, make_bare, make_native, sweeping_actions
 
 Array = NDArray[np.float64]
@@ -87,9 +87,9 @@ def test_table_is_complete(name: str) -> None:
         assert element.meaning
         assert element.unit
         assert -np.inf < element.low < element.high < np.inf
-    box = observation_box(mechanism)
+    box = box_of(observation_elements(mechanism))
     assert (box.dtype, box.shape) == (np.float64, (len(elements),))
-    assert goal_box(mechanism).shape == ((2,) if mechanism.dof == 2 else (4,))
+    assert Goals(mechanism).box.shape == ((2,) if mechanism.dof == 2 else (4,))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -123,11 +123,11 @@ def test_bound_on_the_pose_covers_the_legs_stretched_out() -> None:
     rod = pcm_gym.Rod()
     legs = tuple(pcm_gym.Leg(pcm_gym.Prismatic((x, 0.0), 0.0, 1.5, (-0.7, 0.2)), rod) for x in (-0.3, 0.5))
     mechanism = pcm_gym.Mechanism("bound", legs)
-    assert goal_box(mechanism).high.tolist() == pytest.approx([2.0, 2.0])
+    assert Goals(mechanism).box.high.tolist() == pytest.approx([2.0, 2.0])
 
 
 def test_elements_name_the_spaces_of_the_registered_environments() -> None:
     for environment_id in pcm_gym.environment_ids():
         env = gymnasium.make(environment_id)
-        elements = observation_elements(env.unwrapped.mechanism)
+        elements = env.unwrapped.elements
         assert env.observation_space["observation"].shape == (len(elements),)

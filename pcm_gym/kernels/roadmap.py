@@ -1,0 +1,206 @@
+"""A roadmap of stable equilibria: nodes on a raster of inputs, and the steps that lead from one to the next.
+
+A node is an equilibrium at the inputs of one cell; a cell has as many nodes as stable sheets lie over it. From each
+node a straight step of the inputs leads to each neighbouring cell, or does not: where stability or the margin would be
+lost. A step that can be gone one way can be gone back.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcm_gym.kernels import lanes
+from pcm_gym.kernels.closure import Workspace, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.continuation import NONE, Line, make_line, track
+from pcm_gym.kernels.equilibrium import set_forward_jacobian
+from pcm_gym.kernels.flood import are_same
+from pcm_gym.kernels.lanes import LANES, Block, make_block, step_block
+from pcm_gym.kernels.lanes_margin import set_margins
+from pcm_gym.kernels.linear import determinant
+from pcm_gym.kernels.margin import singularity_margin
+from pcm_gym.kernels.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
+from pcm_gym.kernels.transition import States, load_lane
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# A way that nobody has tried yet.
+UNKNOWN = -2
+
+
+class Nodes(NamedTuple):
+    """The nodes found so far: the first `counts[0]` rows hold them, the first `counts[1]` have been expanded."""
+
+    states: States  # (capacity, ...)
+    cell: Integers  # (capacity,)
+    next: Integers  # (capacity,): another node of the same cell
+    ways: Integers  # (capacity, 2 legs): node to which the step along an axis leads, down (even) or up; or NOWHERE
+    first: Integers  # (cells,): a node of the cell
+    counts: Integers  # (2,)
+
+
+class Steps(NamedTuple):
+    """Steps that wait in the lanes of a block, and scratch space."""
+
+    block: Block
+    origin: Integers  # (lanes,)
+    way: Integers  # (lanes,)
+    cell: Integers  # (lanes,)
+    line: Line
+    work: Workspace
+    x: Array  # (size,)
+    inputs: Array  # (legs,)
+    target: Array  # (legs,)
+
+
+@kernel
+def _make_steps(leg_count: int, size: int) -> Steps:
+    return Steps(
+        make_block(leg_count),
+        np.empty(LANES, np.int64),
+        np.empty(LANES, np.int64),
+        np.empty(LANES, np.int64),
+        make_line(leg_count, size),
+        make_workspace(leg_count, size),
+        np.empty(size),
+        np.empty(leg_count),
+        np.empty(leg_count),
+    )
+
+
+@kernel
+def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most: int) -> None:
+    """Expand up to `most` nodes; there must be room for 2 legs new ones from each."""
+    steps = _make_steps(legs.shape[0], nodes.states.x.shape[1])
+    waiting, end = 0, min(nodes.counts[0], nodes.counts[1] + most)
+    for node in range(nodes.counts[1], end):
+        for way in range(2 * legs.shape[0]):
+            if nodes.ways[node, way] != UNKNOWN:
+                continue
+            cell = neighbour(rasters, INPUTS, nodes.cell[node], way // 2, way % 2)
+            if cell == NOWHERE:
+                nodes.ways[node, way] = NOWHERE
+                continue
+            set_node(rasters, INPUTS, cell, steps.target)
+            load_lane(nodes.states, node, steps.target, steps.block, waiting)
+            steps.origin[waiting], steps.way[waiting], steps.cell[waiting] = node, way, cell
+            waiting += 1
+            if waiting == LANES:
+                _go(legs, rasters, nodes, least_margin, steps, waiting)
+                waiting = 0
+    if waiting > 0:
+        _go(legs, rasters, nodes, least_margin, steps, waiting)
+    nodes.counts[1] = end
+
+
+@kernel
+def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps: Steps, count: int) -> None:
+    """Go the steps that wait, and enter where they lead."""
+    dof = nodes.states.load.shape[1]
+    set_margins(legs, steps.block, step_block(legs, steps.block, count, dof), dof)
+    for lane in range(count):
+        origin, way, cell = steps.origin[lane], steps.way[lane], steps.cell[lane]
+        set_node(rasters, INPUTS, cell, steps.target)
+        if steps.block.common[lanes.IS_SOUND + lane] > 0.0:
+            _take_lane(steps, lane, dof)
+            is_kept = steps.block.common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
+        else:
+            steps.x[:], steps.inputs[:] = nodes.states.x[origin], nodes.states.inputs[origin]
+            is_kept = _go_alone(legs, nodes.states.load[origin], least_margin, steps)
+        if is_kept:
+            node = _place(nodes, cell, steps.x, steps.target, nodes.states.load[origin])
+            nodes.ways[origin, way], nodes.ways[node, way ^ 1] = node, origin
+        else:
+            nodes.ways[origin, way] = NOWHERE
+
+
+@kernel
+def _take_lane(steps: Steps, lane: int, dof: int) -> None:
+    """Fill `steps.x` with the state of a lane."""
+    leg_count = steps.block.legs.shape[0]
+    for i in range(leg_count):
+        steps.x[2 * i] = steps.block.legs[i, lanes.G_X + lane]
+        steps.x[2 * i + 1] = steps.block.legs[i, lanes.G_Y + lane]
+    for d in range(dof):
+        steps.x[2 * leg_count + d] = steps.block.common[lanes.X + d * LANES + lane]
+
+
+@kernel
+def _go_alone(legs: Array, load: Array, least_margin: float, steps: Steps) -> bool:
+    """Track the state in `steps` to its target; return whether it arrives, stable and with the margin."""
+    tracked = track(legs, steps.x, steps.inputs, load.copy(), steps.target, load, False, steps.line, steps.work)
+    is_stable: bool = tracked.event == NONE and tracked.morse_index == 0
+    return is_stable and singularity_margin(legs, steps.x, steps.work) >= least_margin
+
+
+@kernel
+def _place(nodes: Nodes, cell: int, x: Array, inputs: Array, load: Array) -> int:
+    """Return the node of the cell with this state, a new one if need be."""
+    node = find(nodes, cell, x)
+    if node != NOWHERE:
+        return node
+    node = int(nodes.counts[0])
+    nodes.counts[0] += 1
+    nodes.states.x[node], nodes.states.inputs[node], nodes.states.load[node] = x, inputs, load
+    nodes.cell[node], nodes.next[node], nodes.ways[node] = cell, nodes.first[cell], UNKNOWN
+    nodes.first[cell] = node
+    return node
+
+
+@kernel
+def find(nodes: Nodes, cell: int, x: Array) -> int:
+    """Return the node of the cell with this state, or -1."""
+    node = nodes.first[cell]
+    while node != NOWHERE:
+        if are_same(x, nodes.states.x[node], nodes.states.inputs.shape[1]):
+            return int(node)
+        node = nodes.next[node]
+    return NOWHERE
+
+
+@kernel
+def plant(
+    legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, seed_x: Array, seed_inputs: Array, load: Array
+) -> int:
+    """Enter a stable equilibrium at the node of its cell; return the node, or -1 where no safe step leads there.
+
+    There must be room for one.
+    """
+    steps = _make_steps(legs.shape[0], seed_x.shape[0])
+    cell = nearest_cell(rasters, INPUTS, seed_inputs)
+    if cell == NOWHERE:
+        return NOWHERE
+    set_node(rasters, INPUTS, cell, steps.target)
+    steps.x[:], steps.inputs[:] = seed_x, seed_inputs
+    if not _go_alone(legs, load, least_margin, steps):
+        return NOWHERE
+    return _place(nodes, cell, steps.x, steps.target, load)
+
+
+@kernel
+def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
+    """Return |det d pose / d inputs| of states (n, size) at inputs (n, legs); 0 where it does not exist."""
+    leg_count, size = inputs.shape[1], x.shape[1]
+    work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
+    found = np.zeros(x.shape[0])
+    for n in range(x.shape[0]):
+        set_inputs(legs, inputs[n], work)
+        evaluate_rods(legs, x[n], work)
+        if set_forward_jacobian(legs, x[n], work, jacobian):
+            found[n] = abs(determinant(jacobian, leg_count))
+    return found
+
+
+@kernel
+def stay_stable(legs: Array, states: States, targets: Array) -> NDArray[np.bool_]:
+    """Return for which rows the straight way of the inputs to `targets` (n, legs) arrives without losing stability."""
+    count, leg_count = targets.shape
+    line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
+    arrives = np.zeros(count, np.bool_)
+    for n in range(count):
+        x, inputs, load = states.x[n].copy(), states.inputs[n].copy(), states.load[n]
+        tracked = track(legs, x, inputs, load.copy(), targets[n], load, False, line, work)
+        arrives[n] = tracked.event == NONE and tracked.morse_index == 0
+    return arrives

@@ -1,0 +1,117 @@
+"""What a goal is, how far it is, and what being near it is worth."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.kernels.goals import Scale, poses_seen, score_goals
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.solving import Equilibrium
+from pcm_gym.tasks.observation import pose_reach
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+RewardType = Literal["dense", "sparse"]
+
+# An input off by 1 rad, or by a mean rod length, counts as this distance where goals tell the inputs.
+_INPUT_WEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class Goals:
+    """Goals as rows of numbers: position in mean rod lengths, (cos phi, sin phi) of a platform, inputs on request.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    reward_type : "dense" or "sparse"
+        Sparse: 1 within `success_distance`, else 0. Dense: (max(0, 1 - e) + exp(-e / 0.05)) / 2 with the distance e
+        in mean rod lengths. Both are never negative, so that ending an episode early never pays.
+    success_distance : float
+        Goal distance in m that counts as reached. For a platform the turn counts as the path of its hinges.
+    with_inputs : bool
+        Whether a goal is a whole equilibrium: the inputs belong to it, and 1 rad or mean rod length counts as a tenth
+        of a mean rod length.
+    """
+
+    mechanism: Mechanism
+    reward_type: RewardType = "dense"
+    success_distance: float = 0.02
+    with_inputs: bool = False
+
+    def __post_init__(self) -> None:
+        one_of("reward_type", self.reward_type, ("dense", "sparse"))
+        positive_number("success_distance", self.success_distance)
+
+    @cached_property
+    def scale(self) -> Scale:
+        """What differences from a goal count, for the kernels."""
+        squares = [x * x + y * y for x, y in (leg.attachment for leg in self.mechanism.legs)]
+        arm = math.fsum(squares) / len(squares) / self.mechanism.units.length**2
+        pose = [1.0, 1.0, arm, arm][: self._pose_size]
+        inputs = [_INPUT_WEIGHT**2] * (self.mechanism.leg_count if self.with_inputs else 0)
+        return Scale(np.array(pose + inputs), self.tolerance, self.reward_type == "sparse")
+
+    @property
+    def tolerance(self) -> float:
+        """Goal distance in mean rod lengths that counts as reached."""
+        return self.success_distance / self.mechanism.units.length
+
+    @property
+    def box(self) -> spaces.Box:
+        """The space of achieved and desired goals."""
+        reach = pose_reach(self.mechanism)
+        bounds = np.array([reach, reach, 1.0, 1.0][: self._pose_size])
+        low, high = -bounds, bounds
+        if self.with_inputs:
+            units = self.mechanism.units.inputs
+            low = np.append(low, self.mechanism.lower_limits / units)
+            high = np.append(high, self.mechanism.upper_limits / units)
+        return spaces.Box(low, high, dtype=np.float64)
+
+    @property
+    def _pose_size(self) -> int:
+        return 2 * (self.mechanism.dof - 1)
+
+    def achieved(self, features: Array, inputs: Array, rows: Integers) -> Array:
+        """Return the goals (m, g) that some rows meet, with features (m, f) and inputs (n, legs)."""
+        poses = features[:, : self._pose_size]
+        return np.concatenate([poses, inputs[rows]], axis=1) if self.with_inputs else poses.copy()
+
+    def of_states(self, x: Array, inputs: Array) -> Array:
+        """Return the goals (n, g) that states (n, 2 legs + d) at inputs (n, legs) meet."""
+        poses = poses_seen(x, self.mechanism.leg_count)
+        return np.concatenate([poses, inputs], axis=1) if self.with_inputs else poses
+
+    def of_pose(self, pose: Array) -> Array:
+        """Return the goal (g,) of a pose (d,) in the mechanism's units; goals must not tell the inputs."""
+        position = pose[:2] / self.mechanism.units.length
+        return position if self.mechanism.dof == 2 else np.append(position, [math.cos(pose[2]), math.sin(pose[2])])
+
+    def of_equilibrium(self, equilibrium: Equilibrium) -> Array:
+        """Return the goal (g,) that an equilibrium meets."""
+        goal = self.of_pose(equilibrium.pose)
+        return np.append(goal, equilibrium.inputs / self.mechanism.units.inputs) if self.with_inputs else goal
+
+    def pose(self, goal: Array) -> Array:
+        """Return the pose (d,) in the mechanism's units that a goal (g,) stands for."""
+        position = goal[:2] * self.mechanism.units.length
+        return position if self.mechanism.dof == 2 else np.append(position, math.atan2(goal[3], goal[2]))
+
+    def score(self, achieved: Array, desired: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return rewards and whether they are reached, (n,) each, of achieved for desired goals (n, g)."""
+        rewards, distances = score_goals(achieved, desired, self.scale)
+        return rewards, distances <= self.tolerance
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
+        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
+        achieved = np.asarray(achieved_goal, dtype=np.float64)
+        desired = np.asarray(desired_goal, dtype=np.float64)
+        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
+        return float(rewards[0]) if achieved.ndim == 1 else rewards

@@ -1,0 +1,172 @@
+"""Where episodes take place: a mechanism under a load, and where it can go without losing stability."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcm_gym.kernels.threads import pieces_of, run_all
+from pcm_gym.kernels.transition import States, wander
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
+from pcm_gym.solving.roadmap import roadmap_raster
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Targets of walks keep this many of the agent's steps from the actuators' limits.
+_LIMIT_RESERVE = 2.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A mechanism under a load, as its agents move it.
+
+    Equal scenes share what is known of them: it is worked out once, when it is first asked for.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    load : tuple of d floats
+        Load on the end-effector, in the mechanism's units.
+    stride : tuple of float
+        Largest increment of each input in a step, dimensionless.
+    margin : float
+        Singularity margin below which a state counts as nearly singular.
+    origin : Equilibrium, optional
+        A stable equilibrium under this load from which all episodes begin; by default they begin anywhere that stable
+        paths reach from home.
+    """
+
+    mechanism: Mechanism
+    load: tuple[float, ...]
+    stride: tuple[float, ...]
+    margin: float
+    origin: Equilibrium | None = None
+
+    @property
+    def reserve(self) -> float:
+        """Singularity margin that starts and goals keep, so that the straight ways between nodes keep `margin`.
+
+        No point of such a way, along one input, is farther than half of it from a node.
+        """
+        return self.margin + 0.5 * max(self.pitch)
+
+    @property
+    def pitch(self) -> tuple[float, ...]:
+        """Steps between the nodes of the roadmap, dimensionless: the agent's steps, or larger ones."""
+        units = self.mechanism.units.inputs
+        raster = roadmap_raster(self.mechanism, np.array(self.stride) * units)
+        return tuple((raster.pitch / units).tolist())
+
+    @property
+    def steps_per_way(self) -> int:
+        """Number of the agent's steps that the way between two neighbouring nodes takes."""
+        return math.ceil(max(pitch / stride for pitch, stride in zip(self.pitch, self.stride, strict=True)) - 1e-9)
+
+    @property
+    def home(self) -> Equilibrium:
+        """The home equilibrium under the load."""
+        return _home(self.mechanism, self.load)
+
+    @property
+    def roadmap(self) -> Roadmap:
+        """What stable paths with the reserve reach from the origin, or else from home, step by step of the agent.
+
+        Raises
+        ------
+        ValueError
+            If that equilibrium does not keep the reserve.
+        """
+        return _roadmap(self)
+
+    def starts(self, numbers: Array, threads: int) -> States:
+        """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
+        roadmap = self.roadmap
+        return self.beside(nodes_by_weight(roadmap.pose_densities, numbers[:, 0]), numbers[:, 1:], threads)
+
+    def beside(self, nodes: Integers, numbers: Array, threads: int) -> States:
+        """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
+        states, pitch = self.at_nodes(nodes), np.array(self.pitch)
+        targets = states.inputs + (numbers - 0.5) * pitch
+        self._wander(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
+        return states
+
+    def at_nodes(self, nodes: Integers) -> States:
+        """Return the states of nodes (n,) of the roadmap."""
+        roadmap, units = self.roadmap, self.mechanism.units
+        load = np.tile(np.array(self.load) / units.load, (len(nodes), 1))
+        return States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
+
+    def at_equilibrium(self, equilibrium: Equilibrium, count: int) -> States:
+        """Return `count` copies of an equilibrium."""
+        units = self.mechanism.units
+        values = (equilibrium.state, equilibrium.inputs / units.inputs, equilibrium.load / units.load)
+        return States(*(np.tile(value, (count, 1)) for value in values))
+
+    def walk(self, states: States, numbers: Array, steps_range: tuple[int, int], threads: int) -> None:
+        """Walk some of the agent's steps towards random inputs within the limits, in place.
+
+        `numbers` from [0, 1), (n, 1 + legs), decide how many steps of `steps_range` and where to. A walk ends before
+        the first step that would lose stability or come under the reserve.
+        """
+        mechanism, stride = self.mechanism, np.array(self.stride)
+        lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
+        edge = np.minimum(_LIMIT_RESERVE * stride, 0.25 * (upper - lower))
+        targets = lower + edge + numbers[:, 1:] * (upper - lower - 2.0 * edge)
+        least, most = steps_range
+        steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
+        self._wander(states, targets, stride, steps, threads)
+
+    def _wander(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
+        legs, reserve = self.mechanism.leg_table, self.reserve
+
+        def part(first: int, last: int) -> None:
+            rows = States(*(array[first:last] for array in states))
+            wander(legs, rows, targets[first:last], stride, steps[first:last], reserve)
+
+        run_all(pieces_of(part, len(steps), threads), threads)
+
+
+def nodes_by_weight(weights: Array, numbers: Array) -> Integers:
+    """Return an index for each of the `numbers` from [0, 1), drawn in proportion to the weights."""
+    sums = np.cumsum(weights)
+    chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
+    return np.minimum(chosen, len(weights) - 1)
+
+
+def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
+    """Return the equilibrium at `inputs` under `load` on the branch of `start`; raise if the way ends before."""
+    if np.array_equal(inputs, start.inputs) and np.array_equal(load, start.load):
+        return start
+    step = BranchTracker(start.mechanism, start).step(inputs, load)
+    if step.event is not Event.NONE:
+        value = load.tolist() if name == "load" else np.asarray(inputs).tolist()
+        raise ValueError(
+            f"{name} must be reachable from home on stable equilibria, got {value}: "
+            f"{step.event} after {step.fraction:.3f} of the way. {step.event.message}"
+        )
+    return step.equilibrium
+
+
+@lru_cache(maxsize=256)
+def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
+    if any(load):
+        free = _home(mechanism, (0.0,) * mechanism.dof)
+        return reached(free, free.inputs, np.array(load), "load")
+    return home_equilibrium(mechanism)
+
+
+@lru_cache(maxsize=256)
+def _roadmap(scene: Scene) -> Roadmap:
+    seed, steps = scene.origin or scene.home, np.array(scene.stride) * scene.mechanism.units.inputs
+    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
+    if not len(roadmap):
+        name = "home" if scene.origin is None else "option equilibrium"
+        raise ValueError(
+            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
+            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}"
+        )
+    return roadmap

@@ -1,0 +1,326 @@
+"""Starts and goals of the tasks: they can be met as promised, are spread evenly, and are those asked for."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from scipy import stats
+
+import pcm_gym
+from pcm_gym.tasks import Reach, Scene
+from pcm_gym.tasks.reach import detours
+from tests.environments.rollouts import assert_same, make_bare, make_native
+
+NAMES = pcm_gym.mechanism_names()
+SWITCHES = [name for name in pcm_gym.environment_ids() if "Switch" in name]
+
+
+def steps_towards(env: Any, inputs: Any) -> list[Any]:
+    """Go straight to these inputs with steps of the agent; return what each step returned."""
+    results = []
+    while True:
+        way = (inputs - env.equilibrium.inputs) / env.max_action
+        longest = np.abs(way).max()
+        results.append(env.step(way / max(longest, 1.0)))
+        if longest <= 1.0 or results[-1][2] or results[-1][3]:
+            return results
+
+
+def assert_free(results: list[Any]) -> None:
+    """None of these steps ended the episode or cost anything."""
+    assert [result[2:4] for result in results] == [(False, False)] * len(results)
+    assert [result[-1]["cost"] for result in results] == [0.0] * len(results)
+
+
+# Reach
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_near_goals_are_reached_without_cost_by_a_straight_walk_to_their_witness(name: str) -> None:
+    env = make_bare(f"PCM/{name}-Reach-v0", hold_steps=1)
+    for seed in range(60):
+        _, info = env.reset(seed=seed)
+        assert (info["is_success"], env.equilibrium.is_stable, env.equilibrium.within_limits) == (False, True, True)
+        results = steps_towards(env, env.witness.inputs)
+        assert_free(results)
+        assert len(results) <= 16
+        np.testing.assert_allclose(env.equilibrium.inputs, env.witness.inputs, rtol=0.0, atol=1e-9)
+        assert results[-1][-1]["is_success"], seed
+        np.testing.assert_allclose(env.equilibrium.pose, env.goal, rtol=0.0, atol=1e-7)
+
+
+def scene_of(env: Any) -> Scene:
+    scene: Scene = env._simulation.scenes[0]
+    return scene
+
+
+@pytest.mark.parametrize("name", ["2RFR", "3PFR"])
+def test_detours_are_needed_and_free_of_cost(name: str) -> None:
+    """The straight way of the inputs ends at a fold; the one along the roadmap arrives."""
+    env = make_bare(f"PCM/{name}-Reach-v0", difficulty="detour", hold_steps=1)
+    roadmap = scene_of(env).roadmap
+    pairs = detours(scene_of(env))
+    for seed in range(10):
+        env.reset(seed=seed)
+        start = env.equilibrium
+        straight = pcm_gym.BranchTracker(env.mechanism, start).step(env.witness.inputs)
+        assert straight.event in ("fold", "index_change")
+        goals = [goal for first, goal in pairs if np.array_equal(roadmap.states[first], start.state)]
+        goal = next(
+            goal
+            for goal in goals
+            if np.allclose(env.task.goals.of_equilibrium(roadmap.equilibrium(goal)), env.task.goals.of_pose(env.goal))
+        )
+        first = next(first for first, _ in pairs if np.array_equal(roadmap.states[first], start.state))
+        way = roadmap.way(first, goal)
+        results = [result for node in way[1:] for result in steps_towards(env, roadmap.inputs[node])]
+        assert_free(results)
+        assert len(results) <= env.task.time_limit
+        assert results[-1][-1]["is_success"]
+
+
+def test_detours_are_refused_where_none_is_needed() -> None:
+    env = make_bare("PCM/2PFR-Reach-v0", difficulty="detour")
+    with pytest.raises(ValueError, match="detour"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize("name", ["2RFR", "2PFR"])
+@pytest.mark.parametrize("which", ["start", "goal"])
+def test_starts_and_goals_are_spread_evenly_over_the_poses_of_every_sheet(name: str, which: str) -> None:
+    """Against the atlas, whose sampling is uniform by construction: in ten bins each of x and of y no more than chance
+    differs, and home is no place of its own."""
+    env = make_native(f"PCM/{name}-Reach-v0", 2000, difficulty="anywhere")
+    observation, _ = env.reset(seed=0)
+    key = "achieved_goal" if which == "start" else "desired_goal"
+    length = env._simulation.settings.mechanism.units.length
+    found = length * observation[key]
+    scene = scene_of(env)
+    atlas = pcm_gym.build_atlas(scene.mechanism, pitch=0.05, input_cells=48, seed_nodes=4, progress=False)
+    sampled = atlas.sample(np.random.default_rng(0), 6000, branch=atlas.home_branch)
+    clear = np.array([equilibrium.singularity_margin >= scene.reserve for equilibrium in sampled])
+    expected = np.array([equilibrium.pose for equilibrium in sampled])[clear]
+    for axis in range(2):
+        edges = np.quantile(expected[:, axis], np.linspace(0.0, 1.0, 11))
+        edges[[0, -1]] = -np.inf, np.inf
+        table = [np.histogram(values[:, axis], edges)[0] for values in (found, expected)]
+        assert stats.chi2_contingency(table).pvalue > 1e-4, (axis, table)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_equal_seeds_give_equal_episodes_whatever_the_batch(name: str) -> None:
+    for difficulty in ("near", "anywhere"):
+        batch = make_native(f"PCM/{name}-Reach-v0", 7, difficulty=difficulty)
+        observation, _ = batch.reset(seed=3)
+        for row in (0, 6):
+            single = make_bare(f"PCM/{name}-Reach-v0", difficulty=difficulty).reset(seed=3 + row)[0]
+            assert_same({key: array[row] for key, array in observation.items()}, single)
+
+
+# Track
+
+
+@pytest.mark.parametrize("path", ["circle", "eight", "spline"])
+@pytest.mark.parametrize("name", NAMES)
+def test_paths_are_followed_without_cost_by_a_controller_that_knows_the_kinematics(name: str, path: str) -> None:
+    """Steps of Newton's method with the forward Jacobian, which is no part of how the paths are made."""
+    env = make_bare(f"PCM/{name}-Track-v0", path=path)
+    for seed in range(4):
+        env.reset(seed=seed)
+        period = env.task.period
+        goals = env._simulation.rows.goals[0]
+        for step in range(1, period + 1):
+            goal = env.task.goals.pose(goals[step % period])
+            inputs = _inverse(env.equilibrium, goal)
+            result = env.step((inputs - env.equilibrium.inputs) / env.max_action)
+            assert_free([result])
+            np.testing.assert_allclose(env.equilibrium.pose[:2], goal[:2], rtol=0.0, atol=1e-6)
+        assert result[-1]["is_success"]
+        np.testing.assert_allclose(goals[0], env._simulation.goal(0), rtol=0.0, atol=1e-12)
+
+
+def _inverse(equilibrium: pcm_gym.Equilibrium, pose: Any) -> Any:
+    tracker = pcm_gym.BranchTracker(equilibrium.mechanism, equilibrium)
+    for _ in range(8):
+        here = tracker.equilibrium
+        error = pose - here.pose
+        error[2:] = np.remainder(error[2:] + np.pi, 2.0 * np.pi) - np.pi
+        if np.abs(error).max() < 1e-9:
+            break
+        tracker.step(here.inputs + np.linalg.solve(here.forward_jacobian, error))
+    return tracker.equilibrium.inputs
+
+
+def test_circles_are_round_and_figures_of_eight_cross_themselves() -> None:
+    for path in ("circle", "eight"):
+        env = make_native("PCM/2RFR-Track-v0", 20, path=path)
+        env.reset(seed=0)
+        for goals in env._simulation.rows.goals:
+            if path == "circle":
+                centre = goals.mean(axis=0)
+                radii = np.hypot(*(goals - centre).T)
+                np.testing.assert_allclose(radii, radii[0], rtol=1e-9)
+                assert radii[0] > 0.003
+            else:
+                places = np.round(goals, 9)
+                assert len(np.unique(places, axis=0)) == len(places) - 1  # the crossing is met twice
+
+
+def test_the_goal_ahead_is_seen() -> None:
+    env = make_bare("PCM/2RFR-Track-v0")
+    names = [element.name for element in env.elements]
+    observation, _ = env.reset(seed=0)
+    seen = [observation["observation"][names.index("x_in_1")]]
+    for _ in range(5):
+        observation, *_ = env.step(np.zeros(2))
+        assert observation["desired_goal"][0] == seen[-1]
+        seen.append(observation["observation"][names.index("x_in_1")])
+    assert len(set(seen)) == 6
+
+
+# Switch
+
+
+@pytest.mark.parametrize("environment_id", SWITCHES)
+def test_switches_lead_to_another_stable_equilibrium_at_the_same_inputs(environment_id: str) -> None:
+    env = make_bare(environment_id)
+    rho_max = 9.0 if env.mechanism.leg_count == 2 else 6.5
+    for seed in range(3):
+        env.reset(seed=seed)
+        start = env.equilibrium
+        np.testing.assert_array_equal(env.witness.inputs, start.inputs)
+        np.testing.assert_allclose(env.witness.pose, env.goal, rtol=0.0, atol=1e-12)
+        members = pcm_gym.solve_forward(
+            env.mechanism, start.inputs, rho_max=max(rho_max, *(rod.rho for rod in start.rods))
+        )
+        goals = [found for found in members.stable if np.allclose(found.pose, env.goal, atol=1e-6)]
+        assert len(goals) == 1
+        assert np.abs(goals[0].pose - start.pose).max() > env.success_distance
+        assert (
+            env.reset(seed=seed, options={"equilibrium": start, "goal": start})[1]["is_success"] is False
+        )  # held once
+        env.step(np.zeros(env.action_space.shape))
+        assert env.step(np.zeros(env.action_space.shape))[-1]["is_success"]
+
+
+@pytest.mark.parametrize("environment_id", SWITCHES)
+def test_a_stable_way_leads_to_the_other_equilibrium(environment_id: str) -> None:
+    env = make_bare(environment_id, hold_steps=1)
+    scene = scene_of(env)
+    for seed in range(3):
+        env.reset(seed=seed)
+        start = env.equilibrium
+        step = np.array(scene.stride) * env.mechanism.units.inputs
+        roadmap = pcm_gym.build_roadmap(env.mechanism, [start], step=step, least_margin=scene.reserve)
+        ends = np.flatnonzero(roadmap.cells == roadmap.cells[roadmap.seeds[0]])
+        goal = next(node for node in ends if np.allclose(roadmap.equilibrium(node).pose, env.goal, atol=1e-6))
+        way = roadmap.way(roadmap.seeds[0], goal)
+        results = [result for node in way[1:] for result in steps_towards(env, roadmap.inputs[node])]
+        assert_free(results)
+        assert len(results) <= env.task.time_limit
+        assert results[-1][-1]["is_success"]
+
+
+def test_switching_is_refused_where_there_is_no_other_sheet() -> None:
+    env = gymnasium.make("PCM/2RFR-Switch-v0", mechanism="2PFR")
+    with pytest.raises(ValueError, match="no two stable equilibria"):
+        env.reset(seed=0)
+
+
+# What a reset is asked for
+
+
+@pytest.mark.parametrize("task", ["Reach", "Track"])
+@pytest.mark.parametrize("name", NAMES)
+def test_reset_takes_inputs(name: str, task: str) -> None:
+    env = make_bare(f"PCM/{name}-{task}-v0")
+    home = pcm_gym.home_equilibrium(env.mechanism)
+    inputs = home.inputs + 0.3 * env.max_action
+    env.reset(seed=0, options={"inputs": inputs.tolist()})
+    expected = pcm_gym.BranchTracker(env.mechanism, home).step(inputs).equilibrium
+    np.testing.assert_array_equal(env.equilibrium.inputs, expected.inputs)
+    np.testing.assert_allclose(env.equilibrium.pose, expected.pose, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("environment_id", pcm_gym.environment_ids())
+def test_reset_takes_an_equilibrium(environment_id: str) -> None:
+    env = make_bare(environment_id)
+    env.reset(seed=0)
+    start = env.equilibrium
+    for target in (env, make_bare(environment_id)):
+        target.reset(seed=1, options={"equilibrium": start})
+        np.testing.assert_array_equal(target.equilibrium.state, start.state)
+        np.testing.assert_array_equal(target.equilibrium.inputs, start.inputs)
+
+
+@pytest.mark.parametrize("difficulty", ["near", "anywhere", "detour"])
+def test_a_given_start_has_goals_of_every_kind(difficulty: str) -> None:
+    env = make_bare("PCM/2RFR-Reach-v0", difficulty=difficulty)
+    env.reset(seed=0)
+    start = env.equilibrium
+    goals = set()
+    for seed in range(5):
+        env.reset(seed=seed, options={"equilibrium": start})
+        assert np.array_equal(env.equilibrium.state, start.state)
+        goals.add(tuple(env.goal))
+    assert len(goals) == 5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reset_takes_a_goal(name: str) -> None:
+    env = make_bare(f"PCM/{name}-Reach-v0", hold_steps=1)
+    env.reset(seed=3)
+    pose = env.goal
+    options = {"goal": tuple(pose)}
+    observation, _ = env.reset(seed=0, options=options)
+    assert options == {"goal": tuple(pose)}
+    np.testing.assert_allclose(env.goal, pose, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(observation["desired_goal"], env.task.goals.of_pose(pose), rtol=0.0, atol=1e-15)
+    for goal in (env.equilibrium.pose, env.equilibrium):
+        assert env.reset(options={"goal": goal, "equilibrium": env.equilibrium})[1]["is_success"]
+
+
+def test_goals_with_inputs_are_equilibria() -> None:
+    env = make_bare("PCM/2RFR-Switch-v0")
+    with pytest.raises(ValueError, match="goal must be an Equilibrium"):
+        env.reset(options={"goal": (0.0, 0.5)})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reset_takes_a_load_for_one_episode(name: str) -> None:
+    environment_id = f"PCM/{name}-Reach-v0"
+    env = make_bare(environment_id, load=(0.0, 0.02))
+    padding = [0.0] * (env.mechanism.dof - 2)
+    env.reset(seed=0)
+    assert env.equilibrium.load.tolist() == pytest.approx([0.0, 0.02, *padding])
+    free = env.reset(seed=0, options={"load": [0.0] * env.mechanism.dof})[0]
+    assert env.equilibrium.load.tolist() == [0.0] * env.mechanism.dof
+    assert_same(free, make_bare(environment_id).reset(seed=0)[0])
+    env.step(env.action_space.high)
+    assert env.equilibrium.load.tolist() == [0.0] * env.mechanism.dof
+    env.reset()
+    assert env.equilibrium.load.tolist() == pytest.approx([0.0, 0.02, *padding])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_hold_for_every_row_of_a_batch(name: str) -> None:
+    env, batch = make_bare(f"PCM/{name}-Reach-v0"), make_native(f"PCM/{name}-Reach-v0", 2)
+    env.reset(seed=5)
+    options = {"equilibrium": env.equilibrium, "goal": env.goal, "load": (0.0, 0.01)}
+    observation, _ = batch.reset(seed=0, options=options)
+    for row in range(2):
+        expected, _ = env.reset(seed=row, options=options)
+        assert_same({key: array[row] for key, array in observation.items()}, expected)
+
+
+def test_tasks_name_arguments_of_others() -> None:
+    for task, name in (("Track", "difficulty"), ("Reach", "path"), ("Switch", "path")):
+        with pytest.raises(ValueError, match=name):
+            make_bare(f"PCM/2RFR-{task}-v0", **{name: "near"})
+    for task, name in (("Reach", "difficulty"), ("Track", "path")):
+        with pytest.raises(ValueError, match=name):
+            make_bare(f"PCM/2RFR-{task}-v0", **{name: "far"})
+    with pytest.raises(ValueError, match="task"):
+        make_bare("PCM/2RFR-Reach-v0", task="Push")
+    assert isinstance(make_bare("PCM/2RFR-Reach-v0").task, Reach)
