@@ -16,13 +16,15 @@ RUN_EXTRAS   := agents,render
 TEST_EXTRAS  := agents,render,window,test
 BENCH_EXTRAS := agents,render,bench
 DOCS_EXTRAS  := docs
-ALL_EXTRAS   := agents,render,window,test,bench,docs
+PEERS_EXTRAS := peers
+ALL_EXTRAS   := agents,render,window,test,bench,docs,peers
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run
 TEST_STAMP   := $(VENV)/.installed-test
 BENCH_STAMP  := $(VENV)/.installed-bench
 DOCS_STAMP   := $(VENV)/.installed-docs
+PEERS_STAMP  := $(VENV)/.installed-peers
 
 # Of pip's output, one line for each package.
 PROGRESS := sed -unE -e 's/^Collecting ([A-Za-z0-9._-]+).*/  \1/p' -e 's/^Processing .*\/([^-]+)-.*/  \1/p' \
@@ -60,6 +62,10 @@ bench: $(BENCH_STAMP) ## Measure the speed of environments and solvers, beside o
 	$(IN_VENV) benchmarks environments
 	$(IN_VENV) benchmarks kinematics
 
+.PHONY: peers
+peers: $(PEERS_STAMP) ## Measure a step beside other simulators and solvers, all installed: docs/compared_with.md
+	$(IN_VENV) benchmarks peers --page docs/compared_with.md
+
 .PHONY: figures
 figures: $(DOCS_STAMP) ## Draw the paper's figures and write their numbers: docs/paper_figures.md
 	$(IN_VENV) docs.figures
@@ -85,6 +91,9 @@ $(BENCH_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 
 $(DOCS_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 	$(call install,$(DOCS_EXTRAS),$@)
+
+$(PEERS_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
+	$(call install,$(PEERS_EXTRAS),$@)
 
 define CONSTRAINTS_HEADER
 # Exact versions of everything that `make` installs, all extras, Python 3.11 on Linux.

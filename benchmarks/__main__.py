@@ -1,24 +1,30 @@
-"""The command line: ``python -m benchmarks environments`` and ``python -m benchmarks kinematics``."""
+"""The command line: ``python -m benchmarks`` with ``environments``, ``kinematics``, ``peers`` or ``endurance``."""
 
 import itertools
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import print_json
 from rich.console import Console
 from rich.progress import Progress
 
 import pcm_gym
 from benchmarks import report
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
+from benchmarks.endurance import endure, read_cases, write_cases
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
+from benchmarks.peers import catalogue, table
 from benchmarks.problems import MECHANISMS, make_problems
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
+from pcm_gym.environments.settings import BEHAVIOURS
 
 Results = dict[str, dict[str, Summary]]
 
@@ -93,6 +99,80 @@ def kinematics(
     report.print_tables(console, tables)
     report.print_searches(console, results, seconds)
     _write(console, json_path, {"machine": machine}, results | {"tables": tables})
+
+
+@app.command()
+def peers(
+    only: Annotated[
+        list[str] | None, typer.Option(help="Part of a peer's name; may be given several times. Ours always run.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 5,
+    seconds: Annotated[float, typer.Option(min=0.01, help="Length of one measurement.")] = 1.0,
+    json_path: JsonPath = None,
+    page: Annotated[Path | None, typer.Option(help="Page whose marked part is written anew.")] = None,
+) -> None:
+    """Measure one small step of the 2RFR beside other simulators and solvers, and its error beside theirs.
+
+    About four minutes, half of which others take to compile.
+    """
+    names = [name for name in catalogue.PEERS if only is None or any(part.lower() in name.lower() for part in only)]
+    if not names:
+        raise typer.BadParameter(f"must be part of one of {list(catalogue.PEERS)}, got {only}", param_hint="--only")
+    console, machine = _start()
+    with Progress(console=console, transient=True) as progress:
+        making = progress.add_task("peers made ready", total=len(catalogue.OURS) + len(names))
+        ready = catalogue.prepare(names, seconds, lambda: progress.advance(making))
+        found = _run(progress, "peers", ready.measures, repeats)
+    table.print_peers(console, found, ready.setups, ready.absent)
+    _write(console, json_path, {"machine": machine, "absent": ready.absent, "setups": ready.setups}, {"peers": found})
+    if page is not None:
+        table.write_page(page, machine, found, ready.setups, ready.absent)
+        console.print(f"Table written to {page}")
+
+
+@app.command()
+def endurance(
+    steps: Annotated[int, typer.Option(min=1, help="Steps of each mechanism with each behaviour.")] = 1_000_000,
+    mechanisms: Annotated[list[str] | None, typer.Option("--mechanism", help="Only these; all by default.")] = None,
+    behaviours: Annotated[
+        list[str] | None, typer.Option("--on-instability", help="Only these; all by default.")
+    ] = None,
+    step_size: Annotated[float, typer.Option(min=0.0, help="Increments in terms of the default ones.")] = 1.0,
+    seed: Annotated[int, typer.Option()] = 0,
+    json_path: JsonPath = None,
+    cases_path: Annotated[Path, typer.Option("--cases", help="Where to keep failures and contradictions.")] = Path(
+        "endurance-cases.json"
+    ),
+    replay: Annotated[Path | None, typer.Option(help="Repeat the steps kept in this file, and nothing else.")] = None,
+) -> None:
+    """Drive every environment by chance and into folds and limits, and check every step; some minutes.
+
+    A step in which something does not fit together is a contradiction. The exit status is 1 if there is one.
+    """
+    if replay is not None:
+        for case in read_cases(replay):
+            print_json(data={**asdict(case), "now": case.repeat()})
+        return
+    console, machine = _start()
+    names = mechanisms or pcm_gym.mechanism_names()
+    ids = [name for name in pcm_gym.environment_ids() if name in {f"PCM/{own}-Reach-v0" for own in names}]
+    chosen = list(itertools.product(ids, behaviours or BEHAVIOURS))
+    tallies = []
+    with Progress(console=console, transient=True) as progress:
+        for environment_id, on_instability in chosen:
+            task = progress.add_task(f"{environment_id}, {on_instability}", total=steps)
+            advance = partial(progress.advance, task)
+            tallies.append(endure(environment_id, on_instability, steps, step_size, seed, advance))
+    report.print_endurance(console, tallies)
+    if json_path is not None:
+        json_path.write_text(
+            json.dumps({"machine": machine, "endurance": [tally.as_dict() for tally in tallies]}, indent=2) + "\n"
+        )
+        console.print(f"Figures written to {json_path}")
+    if any(tally.cases for tally in tallies):
+        console.print(f"{write_cases(cases_path, tallies)} steps kept in {cases_path}; --replay repeats them")
+    if any(tally.contradictions for tally in tallies):
+        raise typer.Exit(1)
 
 
 def _start() -> tuple[Console, dict[str, str]]:

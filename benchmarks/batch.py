@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from benchmarks.timing import Measure
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.kernels.instability import TERMINATE
 from pcm_gym.kernels.lanes import IS_SOUND, LANES, judge_block, make_block, step_block
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.kernels.transition import COST_ROWS, VERDICT_ROWS, Report, States, load_lane, step_alone, step_batch
@@ -133,7 +134,7 @@ def step_parts(environment_id: str) -> Measure:
     simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.rows.states))
     legs, stride = model.leg_table, simulation.settings.stride
-    threshold, rows = simulation.settings.singular_margin, simulation.rows.states
+    margin = simulation.settings.singular_margin
     lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
     targets = np.clip(start.inputs + actions * stride, lower, upper)
@@ -142,13 +143,14 @@ def step_parts(environment_id: str) -> Measure:
     refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
     _in_blocks(legs, simulation.rows.states, targets, refused, 0)
     refused_rows = np.flatnonzero(refused)
+    states = simulation.rows.states
     parts = {
-        "blocks": lambda: _in_blocks(legs, rows, targets, refused, 0),
-        "verdicts": lambda: _in_blocks(legs, rows, targets, refused, 2 * _REPEATS),
-        "loading": lambda: _in_blocks(legs, rows, targets, refused, -1),
-        "alone": lambda: step_alone(legs, rows, refused_rows, actions, stride, threshold, report),
-        "kernel": lambda: step_batch(legs, rows, every_row, actions, stride, threshold, report),
-        "all_alone": lambda: step_alone(legs, rows, every_row, actions, stride, threshold, report),
+        "blocks": lambda: _in_blocks(legs, states, targets, refused, 0),
+        "verdicts": lambda: _in_blocks(legs, states, targets, refused, 2 * _REPEATS),
+        "loading": lambda: _in_blocks(legs, states, targets, refused, -1),
+        "alone": lambda: step_alone(legs, states, refused_rows, actions, stride, TERMINATE, margin, report),
+        "kernel": lambda: step_batch(legs, states, every_row, actions, stride, TERMINATE, margin, report),
+        "all_alone": lambda: step_alone(legs, states, every_row, actions, stride, TERMINATE, margin, report),
         "total": lambda: env.step(actions),
     }
 

@@ -5,7 +5,7 @@ import os
 import platform
 from pathlib import Path
 
-PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool")
+PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool", "pyelastica", "gym-softrobot")
 
 
 def describe_machine() -> dict[str, str]:

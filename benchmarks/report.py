@@ -2,16 +2,20 @@
 
 import math
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from benchmarks.endurance import Tally
 from benchmarks.kinematics import LONG
 from benchmarks.multistart import METHODS
 from benchmarks.timing import Summary
+from pcm_gym.solving import Event
+
+_COUNTED = (Event.FOLD, Event.INDEX_CHANGE, Event.ACTUATOR_LIMIT, Event.SOLVER_FAILURE)
 
 Summaries = Mapping[str, Mapping[str, Summary]]
 
@@ -94,6 +98,31 @@ def print_startup(console: Console, startup: Summaries) -> None:
             f"{total.least:.2f} - {total.most:.2f}",
             *(f"{figures[f'{stage}_seconds'].median:.2f}" for stage in stages),
         )
+    console.print(table)
+
+
+def print_endurance(console: Console, tallies: Sequence[Tally]) -> None:
+    table = _table("Random and adversarial steps; events per 100,000 of them")
+    headings = (
+        "steps",
+        "episodes",
+        *(event.value.replace("_", " ") for event in _COUNTED),
+        "index > 0",
+        "contradictions",
+    )
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for tally in tallies:
+        table.add_row(
+            f"{tally.environment_id}, {tally.on_instability}",
+            _count(tally.steps),
+            _count(tally.episodes),
+            *(f"{tally.per_100_000(event):.1f}" for event in _COUNTED),
+            f"{1e5 * tally.unstable_steps / tally.steps:.0f}",
+            str(tally.contradictions.total()),
+        )
+        for reason, count in tally.contradictions.items():
+            console.print(f"{tally.environment_id}, {tally.on_instability}: not {reason!r} in {count} steps")
     console.print(table)
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
+from pcm_gym.kernels.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import finite_number, one_of, positive_number, whole_number
 from pcm_gym.tasks import (
@@ -28,13 +29,14 @@ from pcm_gym.tasks import (
 
 Array = NDArray[np.float64]
 
-INSTABILITY_BEHAVIOURS = ("terminate",)
+OnInstability = Literal["terminate", "snap", "hold", "continue"]
+# What may happen where stability is lost, and the kernels' codes.
+BEHAVIOURS: dict[OnInstability, int] = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
+# Part of the agent's smallest step that a fold may be near before a state counts as nearly singular.
+_NEARLY_SINGULAR = 0.5
 # Scenes that turn out to have no home are drawn again, up to so many times each.
 _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
-# Part of the agent's smallest step that a fold may be near before a state counts as nearly singular. With half of it,
-# and what starts and goals keep beyond it, the stable states of 2RFR that home is connected with fall into parts.
-_NEARLY_SINGULAR = 0.25
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Settings:
     ----------
     mechanism : Mechanism
     task : Task
-    on_instability : str
+    on_instability : "terminate", "snap", "hold" or "continue"
     load_range : array (2, d)
         Least and greatest load on the end-effector in the mechanism's units; equal where it is constant.
     observe_load : bool
@@ -66,7 +68,7 @@ class Settings:
 
     mechanism: Mechanism
     task: Task
-    on_instability: str
+    on_instability: OnInstability
     load_range: Array
     observe_load: bool
     max_action: Array
@@ -88,7 +90,7 @@ class Settings:
         path: str | None = None,
         success_distance: float = 0.02,
         hold_steps: int = 3,
-        on_instability: str = "terminate",
+        on_instability: OnInstability = "terminate",
         max_action: ArrayLike | None = None,
         singular_margin: float | None = None,
         load: ArrayLike | None = None,
@@ -105,7 +107,7 @@ class Settings:
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        one_of("on_instability", on_instability, INSTABILITY_BEHAVIOURS)
+        one_of("on_instability", on_instability, tuple(BEHAVIOURS))
         steps = _steps(mechanism, max_action)
         if singular_margin is None:
             singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.settings import BEHAVIOURS, Settings
 from pcm_gym.kernels.goals import Pursuit, pursue
 from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
@@ -16,6 +16,7 @@ from pcm_gym.kernels.transition import (
     EVENT,
     FRACTION,
     LIMIT,
+    LOST,
     MORSE_INDEX,
     RESIDUAL,
     SINGULAR,
@@ -59,7 +60,7 @@ class Rows(NamedTuple):
     witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
     elapsed: Integers  # (n,): steps since the reset
     held: Integers  # (n,): states in a row, the present one included, that are at their goal
-    lost: Mask  # (n,): whether stability has been lost
+    lost: Mask  # (n,): whether a loss of stability has ended the episode
     commands: Array  # (n, legs): what the actuators have been told
     drives: Array  # (n, legs): where their drives are
 
@@ -79,11 +80,11 @@ class Outcome(NamedTuple):
 
     observation: dict[str, Array]
     reward: Array  # (n,)
-    terminated: Mask  # (n,): stability was lost
+    terminated: Mask  # (n,): stability was lost, and what comes of it is not followed
     failed: Mask  # (n,): the solver failed
     success: Mask  # (n,)
     costs: Array  # (4, n)
-    verdicts: Array  # (6, n)
+    verdicts: Array  # (7, n)
 
     def row_info(self, row: int) -> dict[str, Any]:
         """Return the info of one row, in Python's own types."""
@@ -142,7 +143,7 @@ class Simulation:
         self.count = count
         self._threads = threads
         self._units = settings.mechanism.units
-        self._stride = settings.stride
+        self._stride, self._behaviour = settings.stride, BEHAVIOURS[settings.on_instability]
         elements = observation_elements(settings.mechanism)
         self._feature_count, self._box = len(elements), box_of(elements)
         self._extra_elements = settings.elements[len(elements) :]
@@ -185,10 +186,10 @@ class Simulation:
         present: Array = goals[self.rows.elapsed[row] % len(goals)]
         return present
 
-    def step(self, actions: Array, generators: Generators) -> Outcome:
+    def step(self, actions: Array, generators: Generators = ()) -> Outcome:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment.
 
-        The generators, one for each row, are the source of what the sensors add.
+        The generators, one for each row, are the source of noise where the sensors have any.
         """
         report = self._empty_report()
         moves, finish = self._moves(self._all, actions)
@@ -212,7 +213,7 @@ class Simulation:
         outcome.reward[rows] = 0.0
         return outcome
 
-    def observe(self, rows: Integers, generators: Generators) -> Outcome:
+    def observe(self, rows: Integers, generators: Generators = ()) -> Outcome:
         """Return what some rows come to when they stand still, as after a reset: no cost, no event."""
         report = self._empty_report()
         self._describe(rows, report)
@@ -226,7 +227,7 @@ class Simulation:
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], moves, self._stride, margin, report)
+                step_batch(legs, states, chosen[first:last], moves, self._stride, self._behaviour, margin, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
@@ -278,10 +279,10 @@ class Simulation:
 
     def _outcome(self, rows: Integers, report: Report, has_stepped: Mask, generators: Generators) -> Outcome:
         goals, state, costs = self.settings.task.goals, self.rows, report.costs
-        is_lost = costs[UNSTABLE] > 0.0
+        is_lost, is_unstable = report.verdicts[LOST] > 0.0, report.features[:, -STABILITY_FEATURES] == 0.0
         state.lost[rows] = np.where(has_stepped, is_lost, state.lost[rows])
         achieved = goals.achieved(report.features, state.inputs, rows)
-        desired, rewards = pursue(achieved, rows, has_stepped, is_lost, state.pursuit, goals.scale)
+        desired, rewards = pursue(achieved, rows, has_stepped, is_unstable, state.pursuit, goals.scale)
         observed = self._observed(rows, report.features, generators)
         return Outcome(
             {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
@@ -333,7 +334,8 @@ class Simulation:
         Raises
         ------
         ValueError
-            If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
+            If an option is unknown, of wrong shape, or cannot be met on stable equilibria; with "continue" the
+            equilibrium may be unstable, and what is reached from it too.
         """
         options = options or {}
         for name in options:
@@ -349,8 +351,11 @@ class Simulation:
         self, rows: Integers, number: int, scene: Scene, generators: Generators, goal: tuple[Array, Array] | None
     ) -> None:
         task, state = self.settings.task, self.rows
-        episodes = task.sample(scene, generators, self._threads)
+        is_unstable = scene.origin is not None and not scene.origin.is_stable
+        episodes = task.sample(replace(scene, origin=None) if is_unstable else scene, generators, self._threads)
         start = episodes.states
+        if scene.origin is not None and is_unstable:  # its goal is stable none the less
+            start = scene.at_equilibrium(scene.origin, len(rows))
         for array, values in zip(state.states, start, strict=True):
             array[rows] = values
         state.scene[rows], state.elapsed[rows], state.lost[rows] = number, 0, False
@@ -380,7 +385,7 @@ class Simulation:
         numbers = [number for number, scene in enumerate(self.scenes) if scene.mechanism == start.mechanism]
         if not numbers:
             raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
-        if not start.is_stable:
+        if not start.is_stable and self.settings.on_instability != "continue":
             raise ValueError(f"option equilibrium must be stable, got index {start.index}")
         if not start.within_limits:
             raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")

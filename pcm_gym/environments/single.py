@@ -27,7 +27,8 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Move a planar parallel continuum mechanism, on stable equilibria only.
 
     The mechanism's elastic rods are solved exactly: every step follows the branch of equilibria along the straight
-    line from the present actuator inputs to the next ones. Where the branch folds, the mechanism would snap.
+    line from the present actuator inputs to the next ones. Where the branch folds, the mechanism snaps:
+    the episode ends there, or goes on as `on_instability` says.
 
     Action
         Box(-1, 1, (legs,)): increments of the actuator inputs, times `max_action`. Cut at the actuators' limits.
@@ -40,14 +41,15 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         `compute_reward(achieved_goal, desired_goal, info)`; never negative, see `pcm_gym.tasks.Goals`.
 
     Episode end
-        Terminated when stability is lost (a fold, or a change of the Morse index on the way); truncated by the time
-        limit, or when the solver fails (the state then stays as it was). Reaching the goal does not end an episode.
+        Terminated where `on_instability` says so; truncated by the time limit, or when the solver fails (the state then
+        stays as it was). Reaching the goal does not end an episode.
 
     Info
-        `is_success` (at the goal for `hold_steps` states in a row); `cost`, the sum of `cost_unstable` (stability
-        lost), `cost_singular` (singularity margin below `singular_margin`), `cost_limit` (an increment was cut) and
-        `cost_solver`, each 0 or 1 and 0 at reset; `index`, `stability_margin`, `singularity_margin` and `residual` of
-        the present equilibrium; `event`.
+        `is_success` (at the goal, stable, for `hold_steps` states in a row); `cost`, the sum of `cost_unstable`
+        (stability was lost on the way, or the state is unstable), `cost_singular` (singularity margin below
+        `singular_margin`), `cost_limit` (an increment was cut) and `cost_solver`, each 0 or 1 and 0 at reset; `index`,
+        `stability_margin`, `singularity_margin` and `residual` of the present equilibrium; `event`, the first loss of
+        stability on the way ("fold", "index_change"), "solver_failure", "actuator_limit" or "none".
 
     Parameters
     ----------
@@ -73,12 +75,22 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Distance to the goal, in m, that counts as being there.
     hold_steps : int
         States in a row at the goal that make a success.
-    on_instability : "terminate"
+    on_instability : "terminate", "snap", "hold" or "continue"
+        What happens where a step meets a fold, or a bifurcation at which the Morse index changes; every such step costs
+        `cost_unstable`.
+
+        - "terminate": the episode ends, in the last state before it.
+        - "snap": the mechanism falls as `pcm_gym.snap` does, to a stable equilibrium at the same inputs, and the step
+          goes on from there; if need be it falls again. Just beyond a bifurcation into stable branches, nearer to it
+          than can be resolved, the step ends there. A fall without a landing is a failure of the solver.
+        - "hold": the increment is refused; state and inputs stay as they were.
+        - "continue": the branch is followed while it exists, stable or not; only a fold ends the episode. The one
+          behaviour in which `reset` takes an unstable `equilibrium`; its goal is then one that home leads to.
     max_action : float or array_like (legs,), optional
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
     singular_margin : float, optional
         Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
-        rod lengths; by default a quarter of the agent's smallest step.
+        rod lengths; by default half of the agent's smallest step.
     load : array_like (d,) or (2, d), optional
         Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
         at each reset.

@@ -255,20 +255,21 @@ def _correct_on_branch(legs: Array, line: Line, fraction: float, index: int, wor
 @kernel
 def _cross(legs: Array, x: Array, line: Line, fraction: float, reach: float, work: Workspace) -> float:
     """Step over a change of index with the tangent before it; return the fraction reached, or the old one."""
-    step = _LEAST_CROSSING
-    while fraction + step < reach and step < _LEAST_NATURAL_STEP:
+    end, step = fraction, _LEAST_CROSSING
+    while end < reach:
+        end = min(fraction + step, reach)
         _go_to(legs, line, fraction, work)
         evaluate_rods(legs, x, work)
         _set_natural_tangent(legs, x, line, work)
         index = assess_stability(legs, x, work).morse_index
         for j in range(x.shape[0]):
-            line.x[j] = x[j] + step * line.tangent[j]
-        _go_to(legs, line, fraction + step, work)
+            line.x[j] = x[j] + (end - fraction) * line.tangent[j]
+        _go_to(legs, line, end, work)
         if solve_forward_locally(legs, line.inputs, line.load, line.x, STEP_RULES, work) == CONVERGED:
             evaluate_rods(legs, line.x, work)
             if assess_stability(legs, line.x, work).morse_index != index:
                 x[:] = line.x
-                return fraction + step
+                return end
         step *= 4.0
     return fraction
 

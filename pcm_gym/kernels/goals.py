@@ -62,12 +62,12 @@ def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, A
 
 @kernel
 def pursue(
-    achieved: Array, rows: Integers, has_stepped: Mask, is_lost: Mask, pursuit: Pursuit, scale: Scale
+    achieved: Array, rows: Integers, has_stepped: Mask, is_unstable: Mask, pursuit: Pursuit, scale: Scale
 ) -> tuple[Array, Array]:
     """Return the present goals (m, g) of some rows and the rewards (m,) of what is achieved (m, g).
 
-    In the rows that have stepped, one entry each like those of `is_lost`, time goes on and what is held is counted
-    anew; a state whose stability is lost holds nothing.
+    In the rows that have stepped, one entry each like those of `is_unstable`, time goes on and what is held is counted
+    anew; an unstable state, or one whose stability is lost, holds nothing.
     """
     desired, rewards = np.empty_like(achieved), np.empty(rows.shape[0])
     period = pursuit.goals.shape[1]
@@ -78,7 +78,7 @@ def pursue(
         distance = _distance(achieved[k], desired[k], scale.weights)
         rewards[k] = _reward(distance, scale)
         if has_stepped[k]:
-            pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_lost[k] else 0
+            pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_unstable[k] else 0
     return desired, rewards
 
 

@@ -46,12 +46,10 @@ _NODE_ROWS = 11
 # Rows of the tables of forces and poses: the present ones, those at the start of the step, their change.
 NOW, START, CHANGE = range(3)
 
-# Gauss points per rod. Rods with rho up to 9 then have their energy to about 1e-8.
-_NODES = 20
 _MOST_CORRECTIONS, _LAST_CORRECTION = 8, 1e-6
 # A correction of an angle, rad, and its ratio to the one before, beyond which Newton's method is given up. It may rise
-# once: the first correction also has to find the forces.
-_LARGEST_CORRECTION, _LARGEST_RISE = 0.5, 2.0
+# once: the first correction also has to find the forces. Of small corrections the ratio says nothing.
+_LARGEST_CORRECTION, _LARGEST_RISE, _SMALL_CORRECTION = 0.5, 2.0, 0.01
 
 
 class Grid(NamedTuple):
@@ -66,7 +64,7 @@ class Grid(NamedTuple):
 
 
 class MovingRods(NamedTuple):
-    """A mechanism's rods in motion: scratch arrays, made once outside the kernels by `make_moving_rods`."""
+    """A mechanism's rods in motion: scratch arrays."""
 
     grid: Grid
     rods: Array  # (legs, 11, n): the table of the nodes
@@ -81,7 +79,7 @@ class MovingRods(NamedTuple):
 
 @lru_cache(maxsize=8)
 def make_grid(count: int) -> Grid:
-    """Return the calculus on `count` Gauss points."""
+    """Return the calculus on `count` Gauss points, in arrays that cannot be written."""
     points, weights = legendre.leggauss(count)
     weights = 0.5 * weights
     scale = np.sqrt(2.0 * np.arange(count) + 1.0)  # of the polynomials that are orthonormal on (0, 1)
@@ -90,7 +88,7 @@ def make_grid(count: int) -> Grid:
     integrals = legendre.legval(np.append(points, 1.0), antiderivatives.T).T
     integral = integrals[:-1] @ (values.T * weights)
     inverse = np.linalg.inv(integrals[:-1])
-    return Grid(
+    grid = Grid(
         nodes=0.5 * (points + 1.0),
         weights=weights,
         integral=integral,
@@ -98,20 +96,25 @@ def make_grid(count: int) -> Grid:
         bending=inverse.T @ inverse,
         end=integrals[-1] @ inverse,
     )
+    for array in grid:
+        array.setflags(write=False)
+    return grid
 
 
-def make_moving_rods(leg_count: int, size: int, steps: int, nodes: int = _NODES) -> MovingRods:
+@kernel
+def make_moving_rods(grid: Grid, leg_count: int, size: int, steps: int) -> MovingRods:
     """Return scratch arrays for `leg_count` legs, a state of `size` = 2 legs + d numbers and this many steps."""
+    nodes = grid.nodes.shape[0]
     return MovingRods(
-        grid=make_grid(nodes),
-        rods=np.zeros((leg_count, _NODE_ROWS, nodes)),
-        forces=np.zeros((3, leg_count, 2)),
-        pose=np.zeros((3, size - 2 * leg_count)),
-        gaps=np.zeros((leg_count, 2)),
-        matrix=np.zeros((leg_count, nodes, nodes)),
-        right=np.zeros((leg_count, 3, nodes)),
-        x=np.zeros(size),
-        energies=np.zeros(steps + 1),
+        grid,
+        np.zeros((leg_count, _NODE_ROWS, nodes)),
+        np.zeros((3, leg_count, 2)),
+        np.zeros((3, size - 2 * leg_count)),
+        np.zeros((leg_count, 2)),
+        np.zeros((leg_count, nodes, nodes)),
+        np.zeros((leg_count, 3, nodes)),
+        np.zeros(size),
+        np.zeros(steps + 1),
     )
 
 
@@ -247,7 +250,7 @@ def find_minimum(legs: Array, load: Array, hardness: float, moving: MovingRods, 
             moving.pose[NOW, d] += moving.pose[CHANGE, d]
         if size < _LAST_CORRECTION:
             return True
-        if size > min(_LARGEST_CORRECTION, _LARGEST_RISE * previous):
+        if size > min(_LARGEST_CORRECTION, max(_LARGEST_RISE * previous, _SMALL_CORRECTION)):
             return False
         previous = size
     return False

@@ -38,7 +38,8 @@ def follow_path(
             if not abs(inputs[k, i] - here_inputs[i]) <= largest_step[i]:
                 return k
         tracked = track_in_one_step(legs, here, here_inputs, load, inputs[k], line, work)
-        if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, here, work) < least_margin:
+        is_stable = tracked.event == NONE and tracked.morse_index == 0
+        if not is_stable or singularity_margin(legs, here, work) < least_margin:
             return k
         if not are_same(here, x[k], leg_count):
             return k

@@ -36,9 +36,11 @@ Array = NDArray[np.float64]
 # How a relaxation ended; the last two are used inside alone.
 LANDED, STAYED, NOT_RESOLVED, NOT_SETTLED, NOT_POLISHED, _MOVING, _AT_SADDLE = range(7)
 
-# Size of the first and of the last disturbance, the root mean square of the rods' displacement in mean lengths, and the
-# number of trials in all.
-_LEAST_DISTURBANCE, LARGEST_DISTURBANCE, _DISTURBANCES = 0.004, 0.016, 10
+# Size of the first and of the largest disturbance, the root mean square of the rods' displacement in mean lengths, and
+# the number of trials in all.
+_FIRST_DISTURBANCE, LARGEST_DISTURBANCE, _DISTURBANCES = 0.004, 0.016, 14
+# The smallest one of an unstable equilibrium: hardly beyond a pitchfork, all else is lower only very near to it.
+_LEAST_DISTURBANCE = 0.0001
 # Largest error of the energy of the start, relative to 1 + energy, with which the nodes still stand for the rods.
 _RESOLUTION = 1e-5
 # Differences of energy below this are rounding.
@@ -110,15 +112,17 @@ def _disturb(legs: Array, load: Array, moving: MovingRods, work: Workspace) -> i
 
     The smallest disturbance is taken that lowers the energy on one side; if on both, the lower one; if they are equal
     (a pitchfork), the side on which the first rod that moves turns its tip counter-clockwise. Where none lowers it,
-    the equilibrium is stable.
+    the equilibrium is stable, or nothing can tell.
     """
+    evaluate_rods(legs, moving.x, work)
+    is_unstable = assess_stability(legs, moving.x, work).morse_index > 0
     exact = total_energy(legs, moving.x, load)
     hardness = _DISTURBED_HARDNESS + 4.0 * _set_soft_direction(legs, load, moving, work)
     is_found = _push(legs, load, 0.0, hardness, moving, work)
     rest = energy_of(legs, load, moving)
     if not (is_found and abs(rest - exact) < _RESOLUTION * (1.0 + abs(exact))):
         return NOT_RESOLVED
-    size = _LEAST_DISTURBANCE
+    size = _FIRST_DISTURBANCE
     for _ in range(_DISTURBANCES):
         is_found = _push(legs, load, -size, hardness, moving, work)
         behind = energy_of(legs, load, moving)
@@ -130,8 +134,10 @@ def _disturb(legs: Array, load: Array, moving: MovingRods, work: Workspace) -> i
             if behind < ahead - _TIE * (abs(ahead - rest) + abs(behind - rest)) - _ENERGY_TOLERANCE:
                 _push(legs, load, -size, hardness, moving, work)
             return _MOVING
-        elif size < LARGEST_DISTURBANCE:
+        elif _FIRST_DISTURBANCE <= size < LARGEST_DISTURBANCE:
             size *= 2.0
+        elif is_unstable and size > _LEAST_DISTURBANCE:
+            size = 0.5 * min(size, _FIRST_DISTURBANCE)
         else:
             return STAYED
     return NOT_RESOLVED

@@ -25,9 +25,12 @@ from pcm_gym.kernels.transition import States, load_lane
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # A way that nobody has tried yet.
 UNKNOWN = -2
+# Part of the margin of the nodes that the middle of a step between them keeps.
+_PART_BETWEEN = 2.0 / 3.0
 
 
 class Nodes(NamedTuple):
@@ -45,6 +48,8 @@ class Steps(NamedTuple):
     """Steps that wait in the lanes of a block, and scratch space."""
 
     block: Block
+    is_kept: Mask  # (lanes,)
+    is_clear: Mask  # (lanes,): whether the middle of the step keeps the margin
     origin: Integers  # (lanes,)
     way: Integers  # (lanes,)
     cell: Integers  # (lanes,)
@@ -59,6 +64,8 @@ class Steps(NamedTuple):
 def _make_steps(leg_count: int, size: int) -> Steps:
     return Steps(
         make_block(leg_count),
+        np.empty(LANES, np.bool_),
+        np.empty(LANES, np.bool_),
         np.empty(LANES, np.int64),
         np.empty(LANES, np.int64),
         np.empty(LANES, np.int64),
@@ -97,23 +104,64 @@ def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most:
 
 @kernel
 def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps: Steps, count: int) -> None:
-    """Go the steps that wait, and enter where they lead."""
-    dof = nodes.states.load.shape[1]
-    set_margins(legs, steps.block, step_block(legs, steps.block, count, dof), dof)
+    """Go the steps that wait, in two halves, and enter where they lead."""
+    common, load = steps.block.common, nodes.states.load
+    _aim_half_way(nodes, steps, count)
+    _advance(legs, steps, count, load.shape[1])
+    for lane in range(count):
+        steps.is_kept[lane] = common[lanes.IS_SOUND + lane] > 0.0
+        steps.is_clear[lane] = common[lanes.SINGULARITY_MARGIN + lane] >= _PART_BETWEEN * least_margin
+    _aim_at_nodes(rasters, steps, count)
+    _advance(legs, steps, count, load.shape[1])
     for lane in range(count):
         origin, way, cell = steps.origin[lane], steps.way[lane], steps.cell[lane]
         set_node(rasters, INPUTS, cell, steps.target)
-        if steps.block.common[lanes.IS_SOUND + lane] > 0.0:
-            _take_lane(steps, lane, dof)
-            is_kept = steps.block.common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
+        if steps.is_kept[lane] and common[lanes.IS_SOUND + lane] > 0.0:
+            _take_lane(steps, lane, load.shape[1])
+            is_kept = steps.is_clear[lane] and common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
         else:
-            steps.x[:], steps.inputs[:] = nodes.states.x[origin], nodes.states.inputs[origin]
-            is_kept = _go_alone(legs, nodes.states.load[origin], least_margin, steps)
+            is_kept = _go_halves_alone(legs, nodes, origin, least_margin, steps)
         if is_kept:
-            node = _place(nodes, cell, steps.x, steps.target, nodes.states.load[origin])
+            node = _place(nodes, cell, steps.x, steps.target, load[origin])
             nodes.ways[origin, way], nodes.ways[node, way ^ 1] = node, origin
         else:
             nodes.ways[origin, way] = NOWHERE
+
+
+@kernel
+def _advance(legs: Array, steps: Steps, count: int, dof: int) -> None:
+    """Move the lanes to their targets."""
+    computed = step_block(legs, steps.block, count, dof)
+    set_margins(legs, steps.block, computed, dof)
+
+
+@kernel
+def _aim_half_way(nodes: Nodes, steps: Steps, count: int) -> None:
+    for lane in range(count):
+        for i in range(steps.block.legs.shape[0]):
+            leg, start = steps.block.legs[i], nodes.states.inputs[steps.origin[lane], i]
+            leg[lanes.TARGET + lane] = 0.5 * (start + leg[lanes.TARGET + lane])
+
+
+@kernel
+def _aim_at_nodes(rasters: Rasters, steps: Steps, count: int) -> None:
+    """Let the lanes begin where they are and go to the nodes of their cells."""
+    for lane in range(count):
+        set_node(rasters, INPUTS, steps.cell[lane], steps.target)
+        for i in range(steps.block.legs.shape[0]):
+            leg = steps.block.legs[i]
+            leg[lanes.INPUT + lane], leg[lanes.TARGET + lane] = leg[lanes.TARGET + lane], steps.target[i]
+
+
+@kernel
+def _go_halves_alone(legs: Array, nodes: Nodes, origin: int, least_margin: float, steps: Steps) -> bool:
+    """Track a node to the target in `steps`, row by row; return whether it arrives with the margins."""
+    start, load, end = nodes.states.inputs[origin], nodes.states.load[origin], steps.target.copy()
+    steps.x[:], steps.inputs[:] = nodes.states.x[origin], start
+    steps.target[:] = 0.5 * (start + end)
+    is_kept = _go_alone(legs, load, _PART_BETWEEN * least_margin, steps)
+    steps.target[:] = end
+    return is_kept and _go_alone(legs, load, least_margin, steps)
 
 
 @kernel
@@ -131,8 +179,9 @@ def _take_lane(steps: Steps, lane: int, dof: int) -> None:
 def _go_alone(legs: Array, load: Array, least_margin: float, steps: Steps) -> bool:
     """Track the state in `steps` to its target; return whether it arrives, stable and with the margin."""
     tracked = track(legs, steps.x, steps.inputs, load.copy(), steps.target, load, False, steps.line, steps.work)
-    is_stable: bool = tracked.event == NONE and tracked.morse_index == 0
-    return is_stable and singularity_margin(legs, steps.x, steps.work) >= least_margin
+    if tracked.event != NONE or tracked.morse_index > 0:
+        return False
+    return singularity_margin(legs, steps.x, steps.work) >= least_margin
 
 
 @kernel
@@ -194,7 +243,7 @@ def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
 
 
 @kernel
-def stay_stable(legs: Array, states: States, targets: Array) -> NDArray[np.bool_]:
+def stay_stable(legs: Array, states: States, targets: Array) -> Mask:
     """Return for which rows the straight way of the inputs to `targets` (n, legs) arrives without losing stability."""
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])

@@ -25,16 +25,15 @@ from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.continuation import (
     ACTUATOR_LIMIT,
     FOLD,
-    INDEX_CHANGE,
     NONE,
     SOLVER_FAILURE,
     Line,
     Tracked,
     judge,
     make_line,
-    track,
     track_in_one_step,
 )
+from pcm_gym.kernels.instability import CONTINUE, HOLD, TERMINATE, advance, is_instability
 from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
 from pcm_gym.kernels.lanes_margin import set_margins
 from pcm_gym.kernels.margin import singularity_margin
@@ -51,8 +50,8 @@ _DISTANCE_SCALE = 0.1
 _LEAST_PART = 0.25
 
 # Rows of the verdicts on states, one column per environment.
-MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION = range(6)
-VERDICT_ROWS = 6
+MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION, LOST = range(7)
+VERDICT_ROWS = 7
 # Rows of the costs of steps.
 UNSTABLE, SINGULAR, LIMIT, SOLVER = range(4)
 COST_ROWS = 4
@@ -72,7 +71,7 @@ class States(NamedTuple):
 class Report(NamedTuple):
     """What is told about the states of a batch after a step."""
 
-    verdicts: Array  # (6, n)
+    verdicts: Array  # (7, n)
     costs: Array  # (4, n)
     features: Array  # (n, m)
 
@@ -84,13 +83,15 @@ def step_batch(
     rows: Rows,
     actions: Array,
     stride: Array,
+    behaviour: int,
     singular_margin: float,
     report: Report,
 ) -> None:
     """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times `stride`, in place.
 
-    Inputs beyond an actuator's limit are cut. A solver failure leaves the state as it was. Fills `report` in these
-    rows. What becomes of a row does not depend on which others are stepped with it.
+    Inputs beyond an actuator's limit are cut. Rows that would lose stability do as `behaviour` says, see `instability`.
+    A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
+    which others are stepped with it.
     """
     block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
     seen, is_cut = np.empty((report.features.shape[1], LANES)), np.empty(LANES, np.bool_)
@@ -114,9 +115,9 @@ def step_batch(
             for n in range(seen.shape[0]):
                 report.features[row, n] = seen[n, lane]
             margin = block.common[lanes.SINGULARITY_MARGIN + lane]
-            _report(row, _verdict(block.common, lane), margin, is_cut[lane], singular_margin, report)
+            _report(row, _verdict(block.common, lane), margin, is_cut[lane], behaviour, singular_margin, report)
     if refused_count > 0:
-        step_alone(legs, states, refused[:refused_count], actions, stride, singular_margin, report)
+        step_alone(legs, states, refused[:refused_count], actions, stride, behaviour, singular_margin, report)
 
 
 @kernel
@@ -126,6 +127,7 @@ def step_alone(
     rows: Rows,
     actions: Array,
     stride: Array,
+    behaviour: int,
     singular_margin: float,
     report: Report,
 ) -> None:
@@ -137,14 +139,14 @@ def step_alone(
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, inputs, actions[row], stride, target)
-        tracked = track(legs, x, inputs, load, target, load.copy(), False, line, work)
-        if tracked.event == SOLVER_FAILURE:
+        tracked = advance(legs, x, inputs, load, target, behaviour, line, work)
+        if tracked.event == SOLVER_FAILURE or (behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
             set_inputs(legs, inputs, work)
             evaluate_rods(legs, x, work)
-            tracked = judge(legs, x, load, SOLVER_FAILURE, 0.0, work)
+            tracked = judge(legs, x, load, tracked.event, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, singularity_margin(legs, x, work), is_cut, singular_margin, report)
+        _report(row, tracked, singularity_margin(legs, x, work), is_cut, behaviour, singular_margin, report)
 
 
 @kernel
@@ -157,7 +159,7 @@ def describe_batch(legs: Array, states: States, rows: Rows, report: Report) -> N
         evaluate_rods(legs, x, work)
         tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, singularity_margin(legs, x, work), False, 0.0, report)
+        _report(row, tracked, singularity_margin(legs, x, work), False, TERMINATE, 0.0, report)
         report.costs[:, row] = 0.0
 
 
@@ -209,11 +211,19 @@ def _verdict(common: Array, lane: int) -> Tracked:
 
 
 @kernel
-def _report(row: int, tracked: Tracked, margin: float, is_cut: bool, singular_margin: float, report: Report) -> None:
+def _report(
+    row: int,
+    tracked: Tracked,
+    margin: float,
+    is_cut: bool,
+    behaviour: int,
+    singular_margin: float,
+    report: Report,
+) -> None:
     """Fill verdict and costs of a row, and the features that tell of its stability."""
     verdicts, costs, features = report.verdicts, report.costs, report.features[row]
-    is_lost = tracked.event == FOLD or tracked.event == INDEX_CHANGE or tracked.morse_index > 0
-    costs[UNSTABLE, row] = 1.0 if is_lost else 0.0
+    is_unstable = tracked.morse_index > 0
+    costs[UNSTABLE, row] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
     costs[SINGULAR, row] = 1.0 if margin < singular_margin else 0.0
     costs[LIMIT, row] = 1.0 if is_cut else 0.0
     costs[SOLVER, row] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
@@ -223,10 +233,17 @@ def _report(row: int, tracked: Tracked, margin: float, is_cut: bool, singular_ma
     verdicts[RESIDUAL, row] = tracked.residual
     verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdicts[FRACTION, row] = tracked.fraction
+    verdicts[LOST, row] = 1.0 if _ends(tracked.event, behaviour) else 0.0
     n = features.shape[0] - STABILITY_FEATURES
-    features[n] = 0.0 if is_lost else 1.0
+    features[n] = 0.0 if is_unstable or verdicts[LOST, row] > 0.0 else 1.0
     features[n + 1] = tracked.stability_margin / (_STIFFNESS_SCALE + abs(tracked.stability_margin))
     features[n + 2] = margin / (_DISTANCE_SCALE + margin)
+
+
+@formula
+def _ends(event: int, behaviour: int) -> bool:
+    """Return whether the event ends the episode: the mechanism would leave the state, and is not followed further."""
+    return ((behaviour == TERMINATE) & is_instability(event)) | ((behaviour == CONTINUE) & (event == FOLD))
 
 
 @kernel

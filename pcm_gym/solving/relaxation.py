@@ -7,16 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.moving_rods import make_moving_rods
-from pcm_gym.kernels.relaxation import LARGEST_DISTURBANCE, RelaxationRules, relax
+from pcm_gym.kernels.falls import fall
+from pcm_gym.kernels.relaxation import LARGEST_DISTURBANCE
 from pcm_gym.solving.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
 
 _LARGEST_RESIDUAL = 1e-6
-# Gauss points per rod: the second number is tried where the first does not lead to a landing.
-_NODES = (20, 40)
-_RULES = RelaxationRules()
 
 
 class SnapStatus(StrEnum):
@@ -110,10 +107,7 @@ def snap(equilibrium: Equilibrium) -> Snap:
     """
     if not equilibrium.residual < _LARGEST_RESIDUAL:
         raise ValueError(f"equilibrium must be one, got a state with residual {equilibrium.residual:.3g}")
-    for nodes in _NODES:
-        found = _fall(equilibrium, nodes)
-        if found.is_landed:
-            return found
+    found = _fall(equilibrium)
     if found.status == SnapStatus.STAYED and equilibrium.index == 0:
         raise ValueError(
             "equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
@@ -123,21 +117,18 @@ def snap(equilibrium: Equilibrium) -> Snap:
     return found
 
 
-def _fall(equilibrium: Equilibrium, nodes: int) -> Snap:
+def _fall(equilibrium: Equilibrium) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
-    moving = make_moving_rods(mechanism.leg_count, mechanism.state_size, _RULES.steps, nodes)
     state = np.array(equilibrium.state)
-    relaxed = relax(
+    relaxed, energies = fall(
         mechanism.leg_table,
         state,
         equilibrium.inputs / units.inputs,
         equilibrium.load / units.load,
-        _RULES,
-        moving,
         make_workspace(mechanism.leg_count, mechanism.state_size),
     )
     status = _STATUSES[relaxed.status]
-    energies = moving.energies[: relaxed.steps + 1] * units.energy
+    energies = energies * units.energy
     energies.setflags(write=False)
     if status != SnapStatus.LANDED:
         return Snap(equilibrium, status, 0.0, energies)

@@ -133,8 +133,8 @@ def build_roadmap(
     step : array_like (legs,), optional
         Largest step along each input, rad or m. By default, and at least, 1/64 of its range, for three legs 1/24.
     least_margin : float
-        Singularity margin that every node keeps. A margin of half a step or more keeps the steps between the nodes
-        clear of folds as well.
+        Singularity margin that every node keeps, in rad and mean rod lengths. Half way between two nodes it is at least
+        two thirds of that.
 
     Returns
     -------

@@ -18,6 +18,8 @@ Integers = NDArray[np.int64]
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
+# Starts and goals keep this many times the margin below which a state counts as nearly singular.
+_RESERVE = 1.5
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,8 @@ class Scene:
 
     @property
     def reserve(self) -> float:
-        """Singularity margin that starts and goals keep, so that the straight ways between nodes keep `margin`.
-
-        No point of such a way, along one input, is farther than half of it from a node.
-        """
-        return self.margin + 0.5 * max(self.pitch)
+        """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
+        return _RESERVE * self.margin
 
     @property
     def pitch(self) -> tuple[float, ...]:

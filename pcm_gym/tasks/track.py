@@ -24,7 +24,7 @@ _SHAPES = ("circle", "eight", "spline")
 # Paths that a scene offers, of each shape.
 _PATHS = 128
 # Sizes with which a path is tried: the first is drawn from this range, in mean rod lengths, the next ones are smaller.
-_SIZES, _SHRINKING, _TRIALS = (0.1, 0.4), 0.7, 8
+_SIZES, _SHRINKING, _TRIALS = (0.1, 0.4), 0.7, 5
 # Harmonics of a spline, and how far it turns a platform, rad per mean rod length of its size.
 _HARMONICS, _TURN = 3, 1.0
 # Part of the agent's largest step that following a path takes: what is left is for catching up.

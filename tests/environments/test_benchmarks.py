@@ -1,13 +1,19 @@
 """The benchmarks measure, in turn, what is there, and say what is not. No time is asserted."""
 
+import json
+from pathlib import Path
+
 import gymnasium
+import numpy as np
 import pytest
 
 import pcm_gym
 from benchmarks import batch, single
 from benchmarks.batch import batch_throughput, make_batches, memory_per_environment, step_parts
+from benchmarks.endurance import Case, Tally, contradictions, endure, make_batch, read_cases, write_cases
 from benchmarks.machine import describe_machine
 from benchmarks.timing import Summary, interleave
+from pcm_gym.kernels.transition import States
 
 
 def test_measurements_take_turns_and_are_summarised() -> None:
@@ -52,3 +58,41 @@ def test_everything_measured_is_positive() -> None:
     parts = step_parts(environment_id)()
     assert all(parts[name] > 0.0 for name in ("solve", "total", "all_alone"))
     assert all(describe_machine().values())
+
+
+@pytest.mark.parametrize("on_instability", ["terminate", "snap", "hold", "continue"])
+def test_endurance_finds_no_contradiction(on_instability: str) -> None:
+    tally = endure("PCM/2RFR-Reach-v0", on_instability, 30_000, 1.0, 3, lambda _: None)
+    assert tally.steps == 30_000
+    assert tally.contradictions.total() == 0
+    assert tally.events["fold"] > 100
+    assert (tally.unstable_steps > 0) == (on_instability == "continue")
+    assert json.loads(json.dumps(tally.as_dict()))["events"]["fold"] == tally.events["fold"]
+
+
+def test_endurance_keeps_what_does_not_fit_together(tmp_path: Path) -> None:
+    """A batch that terminates is told to snap."""
+    env = make_batch("PCM/2RFR-Reach-v0", "terminate", 1.0, 200)
+    env.reset(seed=0)
+    simulation = env._simulation
+    actions = np.random.default_rng(0).choice([-1.0, 1.0], env.action_space.shape)
+    for _ in range(30):
+        before = States(*(array.copy() for array in simulation.rows.states))
+        outcome = env.step(actions)
+        lost = outcome[2]
+        assert dict(contradictions(env, "terminate", before, actions, outcome)) == {}
+        if lost.any():
+            found = dict(contradictions(env, "snap", before, actions, outcome))
+            assert found.keys() == {"terminated by what ends it", "is_stable true", "goes on after a fold"}
+            assert all((rows == lost).all() for rows in found.values())
+            break
+    row = int(np.flatnonzero(lost)[0])
+    numbers = (array[row].tolist() for array in (*before, actions))
+    case = Case("wrong", "PCM/2RFR-Reach-v0", "terminate", 1.0, 0, "random", *numbers)
+    tally = Tally("PCM/2RFR-Reach-v0", "terminate", cases=[case])
+    assert write_cases(tmp_path / "cases.json", [tally]) == 1
+    [again] = read_cases(tmp_path / "cases.json")
+    assert again == case
+    info = again.repeat()
+    assert info["event"] == "fold"
+    assert info["stability_margin"] == outcome[4]["stability_margin"][row]

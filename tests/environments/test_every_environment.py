@@ -18,7 +18,6 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import FlattenObservation, NormalizeObservation, RecordEpisodeStatistics
 
 import pcm_gym
-from pcm_gym.tasks import observation_elements
 from tests.environments.rollouts import (
     COSTS,
     INFO_TYPES,
@@ -342,7 +341,7 @@ def test_failure_of_the_solver_rolls_back_and_truncates(environment_id: str) -> 
     env = make_bare(environment_id)
     env.reset(seed=0)
     state = env.save_state()
-    state["rows"]["x"][0, : 2 * env.mechanism.leg_count] += 2.0
+    state["rows"]["x"][0, : 2 * env.mechanism.leg_count] += 0.5
     env.restore_state(state)
     before = env.save_state()
     observation, reward, terminated, truncated, info = env.step(env.action_space.high)
@@ -378,12 +377,12 @@ def test_failure_of_one_row_is_no_matter_of_the_others(environment_id: str) -> N
     assert broken.observation_space.contains(observation)
 
 
-def test_nearly_singular_is_a_quarter_of_the_smallest_step(environment_id: str) -> None:
+def test_nearly_singular_is_half_of_the_smallest_step(environment_id: str) -> None:
     env = make_bare(environment_id)
     smallest = (env.max_action / env.mechanism.units.inputs).min()
-    assert env.singular_margin == pytest.approx(0.25 * smallest, rel=1e-15)
+    assert env.singular_margin == pytest.approx(0.5 * smallest, rel=1e-15)
     unequal = make_bare(environment_id, max_action=np.linspace(0.02, 0.04, len(env.max_action)))
-    assert unequal.singular_margin == pytest.approx(0.005 / env.mechanism.units.inputs[0], rel=1e-15)
+    assert unequal.singular_margin == pytest.approx(0.01 / env.mechanism.units.inputs[0], rel=1e-15)
 
 
 def test_closeness_to_singularity_costs(environment_id: str) -> None:
@@ -565,7 +564,10 @@ def scaled(mechanism: pcm_gym.Mechanism, length: float, stiffness: float) -> pcm
 
 @pytest.mark.parametrize(("length", "stiffness", "tolerance"), [(4.0, 0.5, 0.0), (0.07, 31.0, 1e-9)])
 def test_units_do_not_matter(environment_id: str, length: float, stiffness: float, tolerance: float) -> None:
-    """Powers of two leave every bit; other factors round differently, and a step magnifies that a little."""
+    """Powers of two leave every bit; other factors round differently, and a step magnifies that a little.
+
+    More so in the singularity margin: it is a quotient of derivatives of the energy up to the third.
+    """
     load = np.array([0.02, -0.05])
     env = make_bare(environment_id, load=load)
     other = make_bare(
@@ -574,14 +576,13 @@ def test_units_do_not_matter(environment_id: str, length: float, stiffness: floa
         load=load * stiffness,
         success_distance=env.success_distance * length,
     )
-    margin = [element.name for element in observation_elements(env.mechanism)].index("singularity_margin")
+    names = [element.name for element in env.elements]
     for first, second in zip(roll_single(env, 2, 60), roll_single(other, 2, 60), strict=True):
-        # how fast the stiffness changes is not known as well as the state
-        values = [record[0]["observation"] for record in (first, second)]
-        assert values[1][margin] == pytest.approx(values[0][margin], rel=0.0, abs=10.0 * tolerance)
-        values[1][margin] = values[0][margin]
         for (path, value), (_, found) in zip(leaves(first[:-1]), leaves(second[:-1]), strict=True):
-            np.testing.assert_allclose(found, value, rtol=0.0, atol=tolerance, err_msg=path)
+            bound = np.full(np.shape(value), tolerance)
+            if path == "/0/observation":
+                bound[names.index("singularity_margin")] *= 10.0
+            assert (np.abs(np.asarray(found, float) - np.asarray(value, float)) <= bound).all(), path
         for key in ("is_success", "cost", "index", "event"):
             assert first[-1][key] == second[-1][key], key
         # the stiffness, tens of EI / L^2, changes up to hundreds of times faster than the state

@@ -63,8 +63,10 @@ def test_what_is_drawn_does_not_change_what_happens(atlas: Atlas) -> None:
 def test_bad_arguments_are_named(atlas: Atlas) -> None:
     with pytest.raises(ValueError, match="render_ghosts"):
         MechanismEnv("2PFR", render_ghosts="all")  # type: ignore[arg-type]
+    with pytest.raises(FileNotFoundError, match=r"atlas\.npz"):
+        MechanismEnv("2PFR", render_workspace="atlas.npz")
     with pytest.raises(TypeError, match="render_workspace"):
-        MechanismEnv("2PFR", render_workspace="atlas.npz")  # type: ignore[arg-type]
+        MechanismEnv("2PFR", render_workspace=1)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"render_workspace must be an atlas of '2RFR'.*got one of '2PFR'"):
         MechanismEnv("2RFR", render_workspace=atlas)
     with pytest.raises(ValueError, match="render_workspace"):

@@ -11,9 +11,11 @@ import pytest
 
 import pcm_gym
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.simulation import Settings, Simulation
+from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels import threads
 from pcm_gym.kernels.elliptic import sine_and_cosine
+from pcm_gym.kernels.instability import TERMINATE
 from pcm_gym.kernels.rod import RodPoint, rod, rod_in_lanes
 from pcm_gym.kernels.transition import (
     EVENT,
@@ -117,7 +119,9 @@ def stepped(simulation: Simulation, states: States, actions: np.ndarray, blocks:
     stride = settings.max_action / settings.mechanism.units.inputs
     report = simulation._empty_report()
     for rows in blocks:
-        step_batch(settings.mechanism.leg_table, states, rows, actions, stride, settings.singular_margin, report)
+        step_batch(
+            settings.mechanism.leg_table, states, rows, actions, stride, TERMINATE, settings.singular_margin, report
+        )
     return report
 
 
@@ -137,8 +141,8 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
         alone, expected, found = copied(simulation.rows.states), simulation._empty_report(), simulation._empty_report()
         for rows, factor in ((np.arange(1, count, 2), 1.0), (np.arange(0, count, 2), 2.0)):
-            step_batch(legs, simulation.rows.states, rows, actions, factor * stride, threshold, found)
-            step_alone(legs, alone, rows, actions, factor * stride, threshold, expected)
+            step_batch(legs, simulation.rows.states, rows, actions, factor * stride, TERMINATE, threshold, found)
+            step_alone(legs, alone, rows, actions, factor * stride, TERMINATE, threshold, expected)
         for row in (MORSE_INDEX, EVENT):
             np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
         np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import pcm_gym
-from pcm_gym.environments.simulation import Settings, Simulation
+from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.margin import STIFF
 from pcm_gym.kernels.rod import rod, rod_bend, rod_in_lanes
 from pcm_gym.kernels.transition import EVENT, RESIDUAL, SINGULARITY_MARGIN

@@ -123,7 +123,7 @@ def relaxed_from(start: Equilibrium, rules: RelaxationRules, nodes: int) -> tupl
         start.inputs / units.inputs,
         start.load / units.load,
         rules,
-        make_moving_rods(mechanism.leg_count, mechanism.state_size, rules.steps, nodes),
+        make_moving_rods(make_grid(nodes), mechanism.leg_count, mechanism.state_size, rules.steps),
         make_workspace(mechanism.leg_count, mechanism.state_size),
     )
     return state, relaxed
