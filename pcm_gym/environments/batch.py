@@ -116,8 +116,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
         return self._simulation.settings.task.goals.compute_reward(achieved_goal, desired_goal)
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[misc, override]  # as in SyncVectorEnv
+    @property  # type: ignore[misc]  # as in SyncVectorEnv
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The environments' sources of chance."""
         return tuple(generator for generator, _ in self._sources)
 
