@@ -20,9 +20,13 @@ from pcm_gym.mechanism.validation import one_of, whole_number
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """`num_envs` copies of `MechanismEnv`, equal to them row by row and bit for bit.
 
+    Infos are arrays, one row per environment, and of each key `key` a mask `_key` says in which rows it counts. In the
+    mode "SameStep" those of the episodes that have ended are in `final_obs` and `final_info`. It draws no pictures.
+
     Parameters
     ----------
     num_envs : int
+        Number of environments.
     max_episode_steps : int, optional
         Steps after which an episode is truncated; never by default, or with -1 as for `gymnasium.make`.
     autoreset_mode : AutoresetMode or str
@@ -31,7 +35,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         Threads that share the environments where there are many. By default as many as there are processors, or as
         ``OMP_NUM_THREADS`` or ``NUMBA_NUM_THREADS`` allow. No result depends on it.
     mechanism, **arguments
-        As for `MechanismEnv`.
+        As for `MechanismEnv`, those of its pictures excepted.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ Generators = Sequence[np.random.Generator]
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _NO_EVENT, _ACTUATOR_LIMIT = EVENTS.index(Event.NONE), EVENTS.index(Event.ACTUATOR_LIMIT)
-_RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
+RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
@@ -339,7 +339,7 @@ class Simulation:
         """
         options = options or {}
         for name in options:
-            one_of("options key", name, _RESET_OPTIONS)
+            one_of("options key", name, RESET_OPTIONS)
         goal = self._goal_from(options["goal"]) if "goal" in options else None
         numbers = self._drawn_scenes(options, generators)
         for number in np.unique(numbers).tolist():

@@ -27,8 +27,12 @@ _STARTS, _LONGEST_WAY = 128, 80
 class Switch(Task):
     """Change the assembly mode: reach another stable equilibrium at the inputs of the start.
 
-    The goal tells the inputs too. A way that never loses stability leads to it, around a cusp of the singular set, of
-    up to 80 steps.
+    The goal tells the inputs too: the end-effector has to be there with the actuators where they were.
+
+    Starts and goals
+    ----------------
+    A pair of start and goal is drawn evenly from those of up to 128 starts. A way of up to 80 steps joins them that
+    never loses stability: it leads around a cusp of the singular set.
 
     Attributes
     ----------
