@@ -85,9 +85,9 @@ def environment_defaults() -> dict[str, Any]:
     return _defaults(Settings.from_arguments) | _defaults(MechanismEnv)
 
 
-def task_defaults(task: type[Task]) -> dict[str, Any]:
-    """Return the arguments that a task has of its own, with their defaults."""
-    return {field.name: field.default for field in fields(task) if field.name != "goals"}
+def task_arguments(task: type[Task]) -> set[str]:
+    """Return the names of the arguments that a task has of its own."""
+    return {field.name for field in fields(task)} - {"goals"}
 
 
 def spec_of(env: MechanismEnv) -> EnvSpec:
@@ -113,13 +113,14 @@ def _increments(env: MechanismEnv) -> list[Increment]:
 
 def _environment_arguments(spec: EnvSpec) -> list[Argument]:
     """Return the arguments of an environment but for those of the tasks, with the defaults of its id."""
-    of_tasks = {name for task in TASKS.values() for name in task_defaults(task)}
+    of_tasks = set().union(*map(task_arguments, TASKS.values()))
     entries = [entry for entry in docstrings.entries(MechanismEnv, "param") if entry.arg_name not in of_tasks]
     return _arguments(entries, environment_defaults() | spec.kwargs)
 
 
 def _task_arguments(task: Task) -> list[Argument]:
-    defaults = task_defaults(type(task))
+    """Return the arguments that a task has of its own, with what they are by default for its mechanism."""
+    defaults = {name: getattr(task, name) for name in task_arguments(type(task))}
     return _arguments([own for own in docstrings.entries(task, "attribute") if own.arg_name in defaults], defaults)
 
 

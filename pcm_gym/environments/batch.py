@@ -1,5 +1,6 @@
 """The native batch: many environments of one kind, stepped by one call of the kernels."""
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -9,8 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.environments.pictures import Pictures, Workspace
 from pcm_gym.environments.settings import Settings
-from pcm_gym.environments.simulation import Mask, Simulation
+from pcm_gym.environments.simulation import Mask, Outcome, Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
@@ -20,8 +22,9 @@ from pcm_gym.mechanism.validation import one_of, whole_number
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """`num_envs` copies of `MechanismEnv`, equal to them row by row and bit for bit.
 
-    Infos are arrays, one row per environment, and of each key `key` a mask `_key` says in which rows it counts. In the
-    mode "SameStep" those of the episodes that have ended are in `final_obs` and `final_info`. It draws no pictures.
+    Infos are arrays, one row per environment; for each key a mask, under the key with an underscore before it, says in
+    which rows it counts. In the mode "SameStep" the last observations and infos of the episodes that have ended are in
+    `final_obs` and `final_info`. `reset(options={"reset_mask": mask})` begins new episodes in some rows only.
 
     Parameters
     ----------
@@ -34,8 +37,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     threads : int, optional
         Threads that share the environments where there are many. By default as many as there are processors, or as
         ``OMP_NUM_THREADS`` or ``NUMBA_NUM_THREADS`` allow. No result depends on it.
-    mechanism, **arguments
-        As for `MechanismEnv`, those of its pictures excepted.
+    mechanism, render_mode, render_ghosts, render_workspace, **arguments
+        As for `MechanismEnv`.
     """
 
     def __init__(
@@ -47,15 +50,16 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         threads: int | None = None,
         mechanism: Mechanism | str = "2RFR",
         render_mode: str | None = None,
+        render_ghosts: bool = False,
+        render_workspace: Workspace = None,
         **arguments: Any,
     ) -> None:
-        one_of("render_mode", render_mode, (None,))
+        self.render_mode = one_of("render_mode", render_mode, (None, "rgb_array"))
         one_of("autoreset_mode", autoreset_mode, (*AutoresetMode, *(mode.value for mode in AutoresetMode)))
         settings = Settings.from_arguments(mechanism, **arguments)
         self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1)
-        self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = settings.spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -65,8 +69,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._max_episode_steps = (
             np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
         )
-        self._generators: list[np.random.Generator] = [seeding.np_random(None)[0] for _ in range(num_envs)]
-        self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self._pictures = Pictures(settings, render_ghosts, render_workspace)
+        self._sources: list[tuple[np.random.Generator, int]] = [seeding.np_random(None) for _ in range(num_envs)]
         self._ended = np.zeros(num_envs, dtype=np.bool_)
         self._is_reset = False
         self._kept: Observation = {}
@@ -80,9 +84,13 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._is_reset = True
         for row, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None and mask[row]:
-                self._generators[row], _ = seeding.np_random(own_seed)
+                self._sources[row] = seeding.np_random(own_seed)
         self._begin(mask, options)
-        outcome = self._simulation.observe(np.arange(self.num_envs), self._generators)
+        # the others must not draw any noise
+        generators = [
+            own if begun else np.random.default_rng(0) for own, begun in zip(self.np_random, mask, strict=True)
+        ]
+        outcome = self._simulation.observe(np.arange(self.num_envs), generators)
         for key, array in self._kept.items():  # what stands still looks as it did, to the last bit
             outcome.observation[key][~mask] = array[~mask]
         self._keep(outcome.observation)
@@ -100,9 +108,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise gymnasium.error.ResetNeeded(
                 f"environments {np.flatnonzero(waiting).tolist()} have ended: reset them with options['reset_mask']"
             )
-        outcome = self._simulation.step(values, self._generators)
-        self._elapsed += 1
-        truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
+        outcome = self._simulation.step(values, self.np_random)
+        truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
         infos = _with_masks(outcome.infos())
         self._keep(outcome.observation)
@@ -114,13 +121,57 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
         return self._simulation.settings.task.goals.compute_reward(achieved_goal, desired_goal)
 
+    @property  # type: ignore[misc]  # as in SyncVectorEnv
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The environments' sources of chance."""
+        return tuple(generator for generator, _ in self._sources)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as in SyncVectorEnv
+        """The seeds of the environments' sources of chance."""
+        return tuple(seed for _, seed in self._sources)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every environment, (height, width, 3) each; None without `render_mode`.
+
+        About 3 ms each.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array'.")
+            return None
+        return tuple(self._pictures.draw(self._simulation, row) for row in range(self.num_envs))
+
+    def save_state(self) -> dict[str, Any]:
+        """Return everything that the rest of the episodes depends on; `restore_state` takes it back exactly."""
+        return copy.deepcopy(
+            {
+                "rows": self._simulation.rows._asdict(),
+                "sources": [(generator.bit_generator.state, seed) for generator, seed in self._sources],
+                "ended": self._ended,
+                "is_reset": self._is_reset,
+                "kept": self._kept,
+            }
+        )
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Go back to what `save_state` returned, here or in another batch made with the same arguments."""
+        for name, array in self._simulation.rows._asdict().items():
+            array[:] = state["rows"][name]
+        for row, (bits, seed) in enumerate(state["sources"]):
+            self._sources[row] = (self._sources[row][0], seed)
+            self._sources[row][0].bit_generator.state = bits
+        self._ended, self._is_reset = state["ended"].copy(), state["is_reset"]
+        self._kept = copy.deepcopy(state["kept"])
+
+    def _is_truncated(self, outcome: Outcome) -> Mask:
+        return (self._simulation.rows.elapsed >= self._max_episode_steps) | outcome.failed
+
     def _step_and_begin(
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Begin the waiting environments, whose actions are ignored, and step the others."""
-        outcome = self._simulation.step_and_reset(actions, waiting, self._generators)
-        self._elapsed = np.where(waiting, 0, self._elapsed + 1)
-        truncated = (self._elapsed >= self._max_episode_steps) | outcome.failed
+        outcome = self._simulation.step_and_reset(actions, waiting, self.np_random)
+        truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
         return outcome.observation, outcome.reward, outcome.terminated, truncated, _with_masks(outcome.infos())
 
@@ -132,7 +183,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
         final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
         self._begin(ended, {})
-        begun = self._simulation.observe(rows, self._generators)
+        begun = self._simulation.observe(rows, [self._sources[row][0] for row in rows.tolist()])
         for key, values in begun.infos().items():
             infos[key][rows] = values
         for key, array in begun.observation.items():
@@ -147,8 +198,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
         rows = np.flatnonzero(mask)
-        self._simulation.reset_rows(rows, [self._generators[row] for row in rows], options)
-        self._elapsed[mask] = 0
+        self._simulation.reset_rows(rows, [self._sources[row][0] for row in rows.tolist()], options)
         self._ended[mask] = False
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:

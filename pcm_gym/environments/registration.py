@@ -6,8 +6,8 @@ from pcm_gym.mechanism import mechanism_names
 from pcm_gym.tasks import TASKS
 
 _VERSION = 0
-# Pairs of mechanism and task that have no episodes with the default arguments of the others.
-_ABSENT: set[tuple[str, str]] = {("2PFR", "Switch")}
+# Arguments of pairs of mechanism and task that differ from the defaults: no cusp of the 2PFR is within its limits.
+_ARGUMENTS = {("2PFR", "Switch"): {"difficulty": "fall", "on_instability": "snap"}}
 
 
 def environment_ids() -> list[str]:
@@ -24,12 +24,12 @@ def register_environments() -> None:
                 entry_point="pcm_gym.environments.single:MechanismEnv",
                 vector_entry_point="pcm_gym.environments.batch:MechanismVectorEnv",
                 max_episode_steps=TASKS[task].time_limit,
-                kwargs={"mechanism": mechanism, "task": task},
+                kwargs={"mechanism": mechanism, "task": task, **_ARGUMENTS.get((mechanism, task), {})},
             )
 
 
 def _pairs() -> list[tuple[str, str]]:
-    return [(mechanism, task) for task in TASKS for mechanism in mechanism_names() if (mechanism, task) not in _ABSENT]
+    return [(mechanism, task) for task in TASKS for mechanism in mechanism_names()]
 
 
 def _id(mechanism: str, task: str) -> str:

@@ -111,6 +111,8 @@ class Settings:
         steps = _steps(mechanism, max_action)
         if singular_margin is None:
             singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())
+        if task == "Switch" and difficulty == "fall" and on_instability != "snap":
+            raise ValueError(f"on_instability must be 'snap' for difficulty 'fall', got {on_instability!r}")
         goals = Goals(mechanism, reward_type, success_distance, with_inputs=task == "Switch")
         return cls(
             mechanism=mechanism,

@@ -105,8 +105,8 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs.
     reward_type : "dense" or "sparse"
         How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
-    difficulty : "near", "anywhere" or "detour", optional
-        For Reach: where the goals are, near by default; see `pcm_gym.tasks.Reach`.
+    difficulty : str, optional
+        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
     path : "circle", "eight", "spline" or "any", optional
         For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
     success_distance : float

@@ -107,8 +107,7 @@ _LEG_RUNS = 36
 
 # Runs that a lane has once: pose, cosine and sine of its angle, load, right-hand side of equilibrium, the force that
 # moves the condensed end-effector and its move, stiffness, its diagonal form and the axes of that, last two sizes of a
-# correction, errors, verdict, determinant and slope that belong to its last part, and whether the lane is sound and
-# still moving.
+# correction, errors, verdict, the slope behind its last part, and whether the lane is sound and still moving.
 (
     X,
     Y,
@@ -156,19 +155,18 @@ _LEG_RUNS = 36
     INDEX_BEFORE,
     STABILITY_MARGIN,
     SINGULARITY_MARGIN,
-    DETERMINANT,
     SQUARED_SLOPE,
     IS_SOUND,
     IS_MOVING,
-) = range(0, 50 * LANES, LANES)
-_COMMON_RUNS = 50
+) = range(0, 49 * LANES, LANES)
+_COMMON_RUNS = 49
 
 
 class Block(NamedTuple):
     """The numbers of a block of rows: run by run, and in each run lane by lane."""
 
     legs: Array  # (legs, 36 * LANES)
-    common: Array  # (50 * LANES,)
+    common: Array  # (49 * LANES,)
 
 
 @kernel

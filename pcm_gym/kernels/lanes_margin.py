@@ -24,7 +24,6 @@ from pcm_gym.kernels.lanes import (
     ARM_Y,
     CLAMP_C,
     CLAMP_S,
-    DETERMINANT,
     FORCE_X,
     FORCE_Y,
     FUNCTIONS,
@@ -46,19 +45,18 @@ from pcm_gym.kernels.lanes import (
     TIP_G,
     TIP_X,
     TIP_Y,
-    XX,
     Block,
     axis_of,
     derivatives_of,
     leg_stiffness,
-    symmetric,
 )
-from pcm_gym.kernels.linear import adjugate_times
 from pcm_gym.kernels.margin import FARTHEST, STIFF
 from pcm_gym.kernels.rod import rod_bend
 
 Array = NDArray[np.float64]
 
+# Where the eigenvalues stand among the six numbers of the diagonal matrix: xx, yy and zz.
+_DIAGONAL = (0, 2, 5)
 # Keeps the ratio of two vanishing numbers finite.
 _LEAST_SLOPE = 1e-300
 # The runs of steps are free here: derivatives of v' K v by tip of the rod and by the turn of its clamp.
@@ -77,9 +75,9 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
         for i in range(legs.shape[0]):
             length = legs[i, LENGTH]
             _differentiate(block.legs[i], common, count, mode, length, legs[i, STIFFNESS] / (length * length))
-        _carry_along(common, count)
+        _carry_along(common, count, mode)
         for i in range(legs.shape[0]):
-            _add_slope(block.legs[i], common, count, legs[i, AXIS_X], legs[i, AXIS_Y], legs[i, TURN])
+            _add_slope(block.legs[i], common, count, mode, legs[i, AXIS_X], legs[i, AXIS_Y], legs[i, TURN])
         _close_mode(common, count, mode)
 
 
@@ -120,21 +118,34 @@ def _differentiate(leg: Array, common: Array, count: int, mode: int, length: flo
 
 
 @kernel
-def _carry_along(common: Array, count: int) -> None:
-    """Fill the move with the adjugate of K times the derivative by the pose: finite at a fold too."""
+def _carry_along(common: Array, count: int, mode: int) -> None:
+    """Fill the move with the inverse of K times the derivative by the pose, times the eigenvalue: finite at its fold.
+
+    It is put together from the eigenvectors, because beside a pole, where one eigenvalue is large, the adjugate would
+    lose the digits of the others.
+    """
     for lane in range(count):
         pull_x, pull_y, pull_m = common[PULL_X + lane], common[PULL_Y + lane], common[PULL_M + lane]
-        move, determinant = adjugate_times(symmetric(common, XX, lane), pull_x, pull_y, pull_m)
-        common[MOVE_X + lane] = move[0]
-        common[MOVE_Y + lane] = move[1]
-        common[MOVE_PHI + lane] = move[2]
-        common[DETERMINANT + lane] = determinant
+        own = common[ROTATED + _DIAGONAL[mode] * LANES + lane]
+        move_x = move_y = turn = 0.0
+        for n in range(3):
+            x, y, phi = axis_of(common, n, lane)
+            ratio = own / common[ROTATED + _DIAGONAL[n] * LANES + lane]
+            ratio = 1.0 if n == mode else ratio
+            part = ratio * (x * pull_x + y * pull_y + phi * pull_m)
+            move_x += x * part
+            move_y += y * part
+            turn += phi * part
+        common[MOVE_X + lane] = move_x
+        common[MOVE_Y + lane] = move_y
+        common[MOVE_PHI + lane] = turn
         common[SQUARED_SLOPE + lane] = 0.0
 
 
 @kernel
-def _add_slope(leg: Array, common: Array, count: int, axis_x: float, axis_y: float, turn: float) -> None:
-    """Add the squared derivative by the input of one leg along the sheet, times the squared determinant of K."""
+def _add_slope(leg: Array, common: Array, count: int, mode: int, axis_x: float, axis_y: float, turn: float) -> None:
+    """Add the squared derivative by the input of one leg along the sheet, times the squared eigenvalue."""
+    own = ROTATED + _DIAGONAL[mode] * LANES
     for lane in range(count):
         arm_x, arm_y = leg[ARM_X + lane], leg[ARM_Y + lane]
         hinge_x = common[MOVE_X + lane] - arm_y * common[MOVE_PHI + lane]
@@ -144,17 +155,17 @@ def _add_slope(leg: Array, common: Array, count: int, axis_x: float, axis_y: flo
         pull_x = a_xx * rate_x + a_xy * rate_y + turn * leg[FORCE_Y + lane]
         pull_y = a_xy * rate_x + a_yy * rate_y - turn * leg[FORCE_X + lane]
         direct = turn * leg[_BY_TURN + lane] - leg[_BY_TIP_X + lane] * rate_x - leg[_BY_TIP_Y + lane] * rate_y
-        slope = hinge_x * pull_x + hinge_y * pull_y + common[DETERMINANT + lane] * direct
+        slope = hinge_x * pull_x + hinge_y * pull_y + common[own + lane] * direct
         common[SQUARED_SLOPE + lane] += slope * slope
 
 
 @kernel
 def _close_mode(common: Array, count: int, mode: int) -> None:
-    """Reduce the margin to that of one eigenvalue, which stands at xx, yy or zz of the diagonal matrix."""
-    run = ROTATED + (0, 2, 5)[mode] * LANES
+    """Reduce the margin to that of one eigenvalue."""
+    run = ROTATED + _DIAGONAL[mode] * LANES
     for lane in range(count):
         stiffness = common[run + lane]
         ratio = stiffness / STIFF
-        distance = 0.5 * abs(stiffness * common[DETERMINANT + lane]) * (1.0 + ratio * ratio)
+        distance = 0.5 * stiffness * stiffness * (1.0 + ratio * ratio)
         slope = max(math.sqrt(common[SQUARED_SLOPE + lane]), distance / FARTHEST, _LEAST_SLOPE)
         common[SINGULARITY_MARGIN + lane] = min(common[SINGULARITY_MARGIN + lane], distance / slope)

@@ -44,8 +44,9 @@ Array = NDArray[np.float64]
 FARTHEST = 10.0
 # Stiffness, in EI / L^3, that does not vanish within a short way.
 STIFF = 500.0
-# Half width of the central differences of a rod's derivatives: change of its tip, or of its force over 1 + |force|.
-_DIFFERENCE = 1e-5
+# Step of the central differences, of fourth order, of a rod's derivatives: change of its tip, or of its force over
+# 1 + |force|.
+_DIFFERENCE = 1e-3
 
 
 @kernel
@@ -95,17 +96,18 @@ def _set_bend(legs: Array, x: Array, motion: Array, work: Workspace, leg: int, b
     if size == 0.0:
         return
     width = _DIFFERENCE / size
-    for side in (-1.0, 1.0):
-        point = _rod_at(legs, x[2 * leg] + side * width * step_x, x[2 * leg + 1] + side * width * step_y, work, leg)
+    for place, weight in ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0)):
+        way = place * width
+        point = _rod_at(legs, x[2 * leg] + way * step_x, x[2 * leg + 1] + way * step_y, work, leg)
         tip_x, tip_y = _times((point.tip_x_gx, point.tip_x_gy, point.tip_y_gx, point.tip_y_gy), step_x, step_y)
         force_x, force_y = _times(
             (point.force_x_gx, point.force_x_gy, point.force_y_gx, point.force_y_gy), step_x, step_y
         )
-        half = 0.5 * side / width
-        bend[0] += half * tip_x
-        bend[1] += half * tip_y
-        bend[2] += half * force_x
-        bend[3] += half * force_y
+        share = weight / (12.0 * width)
+        bend[0] += share * tip_x
+        bend[1] += share * tip_y
+        bend[2] += share * force_x
+        bend[3] += share * force_y
 
 
 @kernel

@@ -16,6 +16,7 @@ from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.continuation import NONE, Line, make_line, track
 from pcm_gym.kernels.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.flood import are_same
+from pcm_gym.kernels.instability import SNAP, advance, is_instability
 from pcm_gym.kernels.lanes import LANES, Block, make_block, step_block
 from pcm_gym.kernels.lanes_margin import set_margins
 from pcm_gym.kernels.linear import determinant
@@ -253,3 +254,16 @@ def stay_stable(legs: Array, states: States, targets: Array) -> Mask:
         tracked = track(legs, x, inputs, load.copy(), targets[n], load, False, line, work)
         arrives[n] = tracked.event == NONE and tracked.morse_index == 0
     return arrives
+
+
+@kernel
+def go_falling(legs: Array, states: States, targets: Array) -> Mask:
+    """Move states to inputs (n, legs), in place, falling where stability is lost; return which fell and got there."""
+    count, leg_count = targets.shape
+    line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
+    has_fallen = np.zeros(count, np.bool_)
+    for n in range(count):
+        tracked = advance(legs, states.x[n], states.inputs[n], states.load[n], targets[n], SNAP, line, work)
+        is_there = tracked.fraction == 1.0 and tracked.morse_index == 0
+        has_fallen[n] = is_instability(tracked.event) and is_there
+    return has_fallen

@@ -4,12 +4,9 @@ Kernels let go of Python's global lock, so plain threads are enough. They are ke
 fork, and belong to no environment: what uses them can be copied and pickled.
 """
 
-import ctypes
 import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from functools import cache, partial
 
 import numba
@@ -18,8 +15,6 @@ import numba
 PIECE = 128
 # With fewer rows than this the threads cost more than they save.
 LEAST_ROWS = 256
-
-_LIBRARY = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 def default_thread_count() -> int:
@@ -51,26 +46,11 @@ def run_all(jobs: Sequence[Callable[[], None]], threads: int) -> None:
     """Run the jobs, each once, on `threads` threads, the caller's own among them. A job may itself call this."""
     left = iter(jobs)
     helper_count = min(threads, len(jobs)) - 1
-    processors = _other_processors() if helper_count > 0 else set()
-    helpers = [_pool(threads - 1).submit(_help, left, processors) for _ in range(helper_count)]
+    helpers = [_pool(threads - 1).submit(_work, left) for _ in range(helper_count)]
     _work(left)
     for helper in helpers:
         if not helper.cancel():  # one that has not begun has nothing left to do
             helper.result()
-
-
-def _other_processors() -> set[int]:
-    """Return the processors on which the caller may run but does not; empty where the system does not say."""
-    running_on = getattr(_LIBRARY, "sched_getcpu", None)
-    return os.sched_getaffinity(0) - {running_on()} if running_on else set()
-
-
-def _help(left: Iterator[Callable[[], None]], processors: set[int]) -> None:
-    """Work beside the caller: Linux may keep a thread that only works for a moment on the processor of its caller."""
-    if processors:
-        with suppress(OSError):
-            os.sched_setaffinity(0, processors)
-    _work(left)
 
 
 def _work(left: Iterator[Callable[[], None]]) -> None:

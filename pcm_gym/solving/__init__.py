@@ -11,7 +11,7 @@ from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
-from pcm_gym.solving.roadmap import Roadmap, build_roadmap
+from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
 from pcm_gym.solving.singularities import CurveEnd, SingularCurve, forward_singularities, inverse_singularities
 from pcm_gym.solving.solutions import EquilibriumSet, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
@@ -41,6 +41,7 @@ __all__ = [
     "build_atlas",
     "build_roadmap",
     "find_crossings",
+    "find_falls",
     "forward_singularities",
     "home_equilibrium",
     "inverse_singularities",

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from pcm_gym.kernels import roadmap
+from pcm_gym.kernels import roadmap as kernels
+from pcm_gym.kernels.flood import are_same
 from pcm_gym.kernels.rasters import NOWHERE, Rasters
 from pcm_gym.kernels.transition import States
 from pcm_gym.mechanism import Mechanism
@@ -23,6 +24,9 @@ Integers = NDArray[np.int64]
 
 _FIRST_CAPACITY = 1 << 14
 _EXPANDED_AT_ONCE = 1024
+# What a fall counts beside a step, more than any way without one, and the most steps that lead over its edge.
+_FALL, _FALL_STEPS = 1e6, 3
+_MOST_FALLS = 8
 # Most cells along each input, for two legs and for three.
 _MOST_CELLS = {2: 64, 3: 24}
 
@@ -90,16 +94,31 @@ class Roadmap:
     def pose_densities(self) -> Array:
         """Size of the set of poses that a node's cell is mapped to, per size of the cell, dimensionless, (n,)."""
         units = self.mechanism.units
-        return roadmap.pose_densities(self.mechanism.leg_table, self.states, self.inputs / units.inputs)
+        return kernels.pose_densities(self.mechanism.leg_table, self.states, self.inputs / units.inputs)
 
-    def step_counts(self, nodes: Sequence[int] | Integers) -> Array:
-        """Return the number of steps of the shortest way from each of the `nodes` to every node, (len(nodes), n).
+    def step_counts(
+        self, nodes: Sequence[int] | Integers, falls: Integers | None = None, most: float = np.inf
+    ) -> tuple[Array, Array]:
+        """Return how many steps and falls the way from each of the `nodes` to every node takes, (len(nodes), n) each.
 
-        Infinite where no way leads.
+        It is the way with the fewest falls, up to 8, and of these the shortest one. Infinite where none leads.
+
+        Parameters
+        ----------
+        nodes : sequence of int
+        falls : array (m, 2), optional
+            Falls from node to node, such as `find_falls` finds; none by default.
+        most : float
+            Ways of more steps count as none.
         """
-        return np.asarray(
-            csgraph.dijkstra(self._graph, indices=np.asarray(nodes, dtype=np.int64), unweighted=True), dtype=np.float64
-        )
+        graph = self._graph
+        if falls is not None and len(falls):
+            weights = np.full(len(falls), _FALL_STEPS + _FALL)
+            graph = graph + sparse.csr_array((weights, (falls[:, 0], falls[:, 1])), shape=graph.shape)
+        lengths = csgraph.dijkstra(graph, indices=np.asarray(nodes, dtype=np.int64), limit=_MOST_FALLS * _FALL + most)
+        counts, steps = np.divmod(np.where(np.isfinite(lengths), lengths, -1.0), _FALL)
+        leads_there = (counts >= 0.0) & (steps <= most)
+        return np.where(leads_there, steps, np.inf), np.where(leads_there, counts, np.inf)
 
     def way(self, start: int, goal: int) -> Integers:
         """Return the nodes of a shortest way from `start` to `goal`, both included; empty where there is none."""
@@ -164,10 +183,10 @@ def build_roadmap(
     planted = []
     for seed in seeds:
         x, inputs = np.array(seed.state), seed.inputs / units.inputs
-        planted.append(roadmap.plant(legs, rasters, nodes, least_margin, x, inputs, load_scaled))
+        planted.append(kernels.plant(legs, rasters, nodes, least_margin, x, inputs, load_scaled))
     while nodes.counts[1] < nodes.counts[0]:
         nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
-        roadmap.grow(legs, rasters, nodes, least_margin, _EXPANDED_AT_ONCE)
+        kernels.grow(legs, rasters, nodes, least_margin, _EXPANDED_AT_ONCE)
     count = int(nodes.counts[0])
     return Roadmap(
         mechanism,
@@ -180,6 +199,57 @@ def build_roadmap(
         nodes.ways[:count].copy(),
         tuple(node if node != NOWHERE else -1 for node in planted),
     )
+
+
+def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
+    """Return where the mechanism falls from node to node: pairs (m, 2) of the one it leaves and the one it comes to.
+
+    Parameters
+    ----------
+    roadmap : Roadmap
+    most : int
+        Borders of each component, evenly chosen among those steps that are no ways, from which falls are sought: by
+        going on in the same direction for up to three steps.
+
+    Notes
+    -----
+    A fall counts if it ends at a node. 1 to 5 ms for each border.
+    """
+    numbers, inputs_unit = np.random.default_rng(0), roadmap.mechanism.units.inputs
+    starts, columns = np.nonzero(roadmap.ways < 0)
+    labels = roadmap.components[starts]
+    chosen = np.concatenate(
+        [numbers.permutation(np.flatnonzero(labels == label))[:most] for label in range(labels.max(initial=-1) + 1)]
+    )
+    starts, axes, sides = starts[chosen], columns[chosen] // 2, 2.0 * (columns[chosen] % 2) - 1.0
+    found = []
+    for distance in range(1, _FALL_STEPS + 1):
+        ends = roadmap.inputs[starts]
+        ends[np.arange(len(starts)), axes] += distance * sides * roadmap.raster.pitch[axes]
+        cells = roadmap.raster.cells_of(ends)
+        x, fell = _fallen(roadmap, starts, np.where(cells[:, None] >= 0, ends, roadmap.inputs[starts]) / inputs_unit)
+        for row in np.flatnonzero(fell).tolist():
+            found.append((int(starts[row]), _node_with(roadmap, int(cells[row]), x[row])))
+        goes_on = ~fell & (cells >= 0)
+        starts, axes, sides = starts[goes_on], axes[goes_on], sides[goes_on]
+    return np.array([pair for pair in found if pair[1] >= 0], dtype=np.int64).reshape(-1, 2)
+
+
+def _fallen(roadmap: Roadmap, nodes: Integers, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return where nodes (n,) get to on the way to dimensionless inputs (n, legs), and which of them fell to there."""
+    units = roadmap.mechanism.units
+    load = np.tile(roadmap.load / units.load, (len(nodes), 1))
+    states = States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
+    fell = kernels.go_falling(roadmap.mechanism.leg_table, states, targets)
+    return states.x, fell
+
+
+def _node_with(roadmap: Roadmap, cell: int, x: Array) -> int:
+    """Return the node of a cell with this state, or -1."""
+    for node in np.flatnonzero(roadmap.cells == cell).tolist():
+        if are_same(x, roadmap.states[node], roadmap.mechanism.leg_count):
+            return int(node)
+    return -1
 
 
 def _load_of(mechanism: Mechanism, seeds: Sequence[Equilibrium]) -> Array:
@@ -208,9 +278,9 @@ def roadmap_raster(mechanism: Mechanism, step: Array | None = None) -> Raster:
     return Raster.over(lower, upper, tuple(shape.tolist()), (False,) * mechanism.leg_count)
 
 
-def _make_nodes(mechanism: Mechanism, cells: int) -> roadmap.Nodes:
+def _make_nodes(mechanism: Mechanism, cells: int) -> kernels.Nodes:
     legs, capacity = mechanism.leg_count, _FIRST_CAPACITY
-    return roadmap.Nodes(
+    return kernels.Nodes(
         States(
             np.empty((capacity, mechanism.state_size)), np.empty((capacity, legs)), np.empty((capacity, mechanism.dof))
         ),
@@ -222,7 +292,7 @@ def _make_nodes(mechanism: Mechanism, cells: int) -> roadmap.Nodes:
     )
 
 
-def _with_room(nodes: roadmap.Nodes, count: int) -> roadmap.Nodes:
+def _with_room(nodes: kernels.Nodes, count: int) -> kernels.Nodes:
     """Return the nodes, with room for `count` more."""
     wanted = int(nodes.counts[0]) + count
     if wanted <= len(nodes.cell):

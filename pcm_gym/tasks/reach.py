@@ -32,8 +32,8 @@ class Reach(Task):
 
     Starts and goals
     ----------------
-    Starts are spread evenly over the poses that stable paths from home reach. Goals are as `difficulty` says, and not
-    met at the start.
+    Starts are spread evenly over the poses that stable paths from home reach. Goals are where `difficulty` says, and
+    not met at the start; a way without any cost leads to them.
 
     Attributes
     ----------
@@ -111,9 +111,9 @@ def detours(scene: Scene) -> Integers:
     if scene.origin is None:
         starts = nodes_by_weight(roadmap.pose_densities, numbers.random(_DETOUR_STARTS))
     count = _DETOUR_STARTS * _DETOUR_GOALS // len(starts)
-    steps, longest = roadmap.step_counts(starts), _LONGEST_DETOUR / scene.steps_per_way
+    steps, _ = roadmap.step_counts(starts, most=_LONGEST_DETOUR / scene.steps_per_way)
     goals = np.stack(
-        [nodes_by_weight(roadmap.pose_densities * (row <= longest), numbers.random(count)) for row in steps]
+        [nodes_by_weight(roadmap.pose_densities * np.isfinite(row), numbers.random(count)) for row in steps]
     )
     pairs = np.column_stack([np.repeat(starts, count), goals.ravel()])
     targets = scene.at_nodes(pairs[:, 1]).inputs

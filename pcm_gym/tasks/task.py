@@ -33,9 +33,8 @@ class Task(ABC):
     Starts and goals
     ----------------
     Starts and goals that are drawn are stable equilibria, with a singularity margin of at least one and a half times
-    `singular_margin`. A way that never loses stability leads from the start to the goals. `witness` is an equilibrium
-    that meets the first goal; it is not observed. Same generator, same episode. What stable ways reach is charted when
-    episodes are first drawn, which takes up to some seconds.
+    `singular_margin`. `witness` is an equilibrium that meets the first goal; it is not observed. Same generator, same
+    episode. What stable ways reach is charted when episodes are first drawn, which takes up to some seconds.
 
     Attributes
     ----------

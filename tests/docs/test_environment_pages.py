@@ -1,10 +1,12 @@
 """The pages of the environments: they are what the command writes now, and say of each environment what it is."""
 
+import ast
 import inspect
 import re
 from collections.abc import Iterator
 
 import gymnasium
+import numpy as np
 import pytest
 
 pytest.importorskip("docstring_parser")
@@ -22,7 +24,7 @@ from docs.environments.page import (
     index_page,
     page_name,
     spec_of,
-    task_defaults,
+    task_arguments,
 )
 from docs.environments.picture import picture
 from pcm_gym.environments.batch import MechanismVectorEnv
@@ -95,14 +97,15 @@ def test_every_argument_of_an_environment_is_documented_and_no_other() -> None:
 
 
 def test_every_argument_of_the_batch_is_documented_and_no_other() -> None:
-    shared = {"mechanism", "render_mode", "arguments"}
-    signature = set(inspect.signature(MechanismVectorEnv).parameters) - shared
-    assert {*names_of(MechanismVectorEnv, "param")} == {*signature, "mechanism, **arguments"}
+    described = [
+        name.removeprefix("**") for names in names_of(MechanismVectorEnv, "param") for name in names.split(", ")
+    ]
+    assert sorted(described) == sorted(inspect.signature(MechanismVectorEnv).parameters)
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_argument_of_a_task_is_documented_and_no_other(task: str) -> None:
-    assert sorted(names_of(TASKS[task], "attribute")) == sorted({"goals", *task_defaults(TASKS[task])})
+    assert sorted(names_of(TASKS[task], "attribute")) == sorted({"goals", *task_arguments(TASKS[task])})
 
 
 def test_every_info_of_a_step_and_of_a_reset_is_documented_with_its_type(env: MechanismEnv) -> None:
@@ -166,7 +169,21 @@ def test_page_lists_the_action_with_its_increments(env: MechanismEnv) -> None:
 
 def test_page_lists_the_arguments_that_the_environment_takes(env: MechanismEnv) -> None:
     listed = {row[0] for row in rows_under(page_of(env), "Arguments")} - {"argument"}
-    of_other_tasks = {name for task in TASKS.values() for name in task_defaults(task)} - {
-        *task_defaults(type(env.task))
-    }
+    of_other_tasks = set().union(*map(task_arguments, TASKS.values())) - task_arguments(type(env.task))
     assert listed == set(environment_defaults()) - of_other_tasks
+
+
+def test_defaults_of_the_page_make_the_environment(env: MechanismEnv) -> None:
+    """The class, given by name all that the page says to be a default, does what the environment of the id does."""
+    rows = [row for row in rows_under(page_of(env), "Arguments") if row[0] != "argument"]
+    made = MechanismEnv(**{row[0]: ast.literal_eval(row[2]) for row in rows})
+    assert (made.task, made.mechanism) == (env.task, env.mechanism)
+    for own in (made, env):
+        own.reset(seed=1)
+    for _ in range(40):
+        (*_, terminated, truncated, info), (*_, expected) = (
+            own.step(np.ones(env.action_space.shape, np.float32)) for own in (made, env)
+        )
+        assert info == expected
+        if terminated or truncated:
+            break

@@ -53,7 +53,7 @@ BAD_BATCH_ARGUMENTS = [
     ("max_episode_steps", -2),
     ("max_episode_steps", 2.5),
     ("max_episode_steps", "long"),
-    ("render_mode", "rgb_array"),
+    ("render_mode", "ansi"),
 ]
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from pcm_gym import environment_ids
+from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.rendering import FrameRenderer
+from pcm_gym.rendering.camera import reach_bounds
 from pcm_gym.solving import Atlas, build_atlas, solve_forward
 
 ENVIRONMENT_ID = environment_ids()[0]
@@ -58,6 +60,29 @@ def test_what_is_drawn_does_not_change_what_happens(atlas: Atlas) -> None:
     for env in (shown, bare):
         env.step(np.full(2, -0.3, dtype=np.float32))
     np.testing.assert_array_equal(shown.equilibrium.state, bare.equilibrium.state)
+
+
+def test_a_batch_draws_what_its_rows_would_draw() -> None:
+    arguments: dict[str, Any] = {"render_mode": "rgb_array"}
+    batch = MechanismVectorEnv(3, mechanism="2PFR", **arguments)
+    batch.reset(seed=4)
+    pictures = batch.render()
+    assert pictures is not None
+    assert len(pictures) == 3
+    for row, picture in enumerate(pictures):
+        env = MechanismEnv("2PFR", **arguments)
+        env.reset(seed=4 + row)
+        np.testing.assert_array_equal(picture, env.render())
+
+
+def test_variants_of_a_mechanism_are_drawn_as_they_are() -> None:
+    env = MechanismEnv("2PFR", render_mode="rgb_array", randomisation={"base": 0.05}, variants=2)
+    env.reset(seed=0)
+    bounds = reach_bounds(env.mechanism)
+    expected = FrameRenderer(env.equilibrium.mechanism, bounds=bounds).draw(
+        env.equilibrium, env.goal, env.success_distance
+    )
+    np.testing.assert_array_equal(env.render(), expected)
 
 
 def test_bad_arguments_are_named(atlas: Atlas) -> None:

@@ -102,12 +102,13 @@ def test_margin_in_lanes_is_the_scalar_one(name: str, is_loaded: bool) -> None:
     count, generator = 200, np.random.default_rng(2)
     settings = Settings.from_arguments(name, load=LOADS[name] if is_loaded else None)
     simulation = Simulation(settings, count)
-    simulation.reset_rows(np.arange(count), [np.random.default_rng(row) for row in range(count)], None)
+    generators = [np.random.default_rng(row) for row in range(count)]
+    simulation.reset_rows(np.arange(count), generators, None)
     held = generator.choice([-1.0, 1.0], (count, settings.mechanism.leg_count))
     stopped = 0
     for n in range(30):
-        stepped = simulation.step(held if n % 3 else generator.uniform(-1.0, 1.0, held.shape))
-        described = simulation.observe(np.arange(count))
+        stepped = simulation.step(held if n % 3 else generator.uniform(-1.0, 1.0, held.shape), generators)
+        described = simulation.observe(np.arange(count), generators)
         found, expected = stepped.verdicts[SINGULARITY_MARGIN], described.verdicts[SINGULARITY_MARGIN]
         assert np.all((found >= 0.0) & (found < 10.0 + 1e-9))
         is_calm = stepped.verdicts[RESIDUAL] < 1e-12
