@@ -183,7 +183,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
         final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
         self._begin(ended, {})
-        begun = self._simulation.observe(rows, [self._sources[row][0] for row in rows.tolist()])
+        begun = self._simulation.observe(rows, self.np_random)
         for key, values in begun.infos().items():
             infos[key][rows] = values
         for key, array in begun.observation.items():
