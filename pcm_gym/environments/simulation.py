@@ -146,7 +146,7 @@ class Simulation:
         self._stride, self._behaviour = settings.stride, BEHAVIOURS[settings.on_instability]
         elements = observation_elements(settings.mechanism)
         self._feature_count, self._box = len(elements), box_of(elements)
-        self._extra_elements = settings.elements[len(elements) :]
+        self._sees_features = settings.elements == elements
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self.rows = self._rows_at_home()
@@ -299,9 +299,11 @@ class Simulation:
         settings = self.settings
         if settings.observation_noise > 0.0:
             features = self._with_noise(features, [generators[row] for row in rows.tolist()])
-        if not self._extra_elements:
+        if self._sees_features:
             return features
         state, units, parts = self.rows, self._units, [features]
+        if settings.always_stable:
+            parts = [features[:, :-STABILITY_FEATURES], features[:, 1 - STABILITY_FEATURES :]]
         for steps in settings.task.look_ahead:
             parts.append(state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]])
         if settings.load_varies and settings.observe_load:
