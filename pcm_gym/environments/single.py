@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
-from pcm_gym.environments.simulation import Outcome, Simulation
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium
