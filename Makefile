@@ -13,7 +13,7 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,render,window,test
+TEST_EXTRAS  := agents,render,window,docs,test
 BENCH_EXTRAS := agents,render,bench
 DOCS_EXTRAS  := docs
 PEERS_EXTRAS := peers
@@ -69,6 +69,10 @@ peers: $(PEERS_STAMP) ## Measure a step beside other simulators and solvers, all
 .PHONY: figures
 figures: $(DOCS_STAMP) ## Draw the paper's figures and write their numbers: docs/paper_figures.md
 	$(IN_VENV) docs.figures
+
+.PHONY: pages
+pages: $(DOCS_STAMP) ## Write a page for each environment from its docstrings: docs/environments
+	$(IN_VENV) docs.environments
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -227,7 +227,9 @@ def _rules(
     yield "residual small", infos["residual"] < _LARGEST_RESIDUAL
 
     is_lost, is_failure = np.isin(event, (Event.FOLD, Event.INDEX_CHANGE)), event == Event.SOLVER_FAILURE
-    is_stable = observation["observation"][:, -STABILITY_FEATURES] == 1.0
+    is_stable = index == 0
+    if not simulation.settings.always_stable:  # else it is not observed
+        is_stable = observation["observation"][:, -STABILITY_FEATURES] == 1.0
     yield "unstable is paid", infos["cost_unstable"] == (is_lost | (index > 0))
     yield "solver failure is paid", infos["cost_solver"] == is_failure
     yield "solver failure truncates", truncated | ~is_failure

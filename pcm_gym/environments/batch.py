@@ -11,8 +11,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.rows import Mask, Outcome
 from pcm_gym.environments.settings import Settings
-from pcm_gym.environments.simulation import Mask, Outcome, Simulation
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation
 from pcm_gym.kernels.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
@@ -22,9 +23,14 @@ from pcm_gym.mechanism.validation import one_of, whole_number
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """`num_envs` copies of `MechanismEnv`, equal to them row by row and bit for bit.
 
+    Infos are arrays, one row per environment; for each key a mask, under the key with an underscore before it, says in
+    which rows it counts. In the mode "SameStep" the last observations and infos of the episodes that have ended are in
+    `final_obs` and `final_info`. `reset(options={"reset_mask": mask})` begins new episodes in some rows only.
+
     Parameters
     ----------
     num_envs : int
+        Number of environments.
     max_episode_steps : int, optional
         Steps after which an episode is truncated; never by default, or with -1 as for `gymnasium.make`.
     autoreset_mode : AutoresetMode or str
@@ -178,7 +184,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
         final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
         self._begin(ended, {})
-        begun = self._simulation.observe(rows, [self._sources[row][0] for row in rows.tolist()])
+        begun = self._simulation.observe(rows, self.np_random)
         for key, values in begun.infos().items():
             infos[key][rows] = values
         for key, array in begun.observation.items():

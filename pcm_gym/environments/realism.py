@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ class Actuators:
             raise ValueError(f"actuator_lag must be at least 0, got {lag}")
         return cls(float(lag), rates, play)
 
-    @property
+    @cached_property
     def are_ideal(self) -> bool:
         """Whether the clamps go at once where they are told to."""
         return self.lag == 0.0 and not self.backlash.any() and bool(np.isinf(self.rate_limit).all())

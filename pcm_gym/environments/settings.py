@@ -140,9 +140,16 @@ class Settings:
         return bool((self.load_range[0] != self.load_range[1]).any())
 
     @property
+    def always_stable(self) -> bool:
+        """Whether no state is ever observed whose stability is lost."""
+        return self.on_instability in ("snap", "hold")
+
+    @property
     def elements(self) -> tuple[Element, ...]:
         """The elements of the observation: of the state, and of what else is to be seen."""
         elements = observation_elements(self.mechanism)
+        if self.always_stable:
+            elements = tuple(element for element in elements if element.name != "is_stable")
         for steps in self.task.look_ahead:
             elements += goal_elements(self.mechanism, steps)
         if self.load_varies and self.observe_load:

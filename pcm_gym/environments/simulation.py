@@ -1,15 +1,15 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.environments.openings import Generators, open_episodes
+from pcm_gym.environments.rows import Array, Integers, Mask, Outcome, Rows
 from pcm_gym.environments.settings import BEHAVIOURS, Settings
-from pcm_gym.kernels.goals import Pursuit, pursue
+from pcm_gym.kernels.goals import pursue
 from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.transition import (
     COST_ROWS,
@@ -17,108 +17,18 @@ from pcm_gym.kernels.transition import (
     FRACTION,
     LIMIT,
     LOST,
-    MORSE_INDEX,
-    RESIDUAL,
-    SINGULAR,
-    SINGULARITY_MARGIN,
     SOLVER,
     STABILITY_FEATURES,
-    STABILITY_MARGIN,
-    UNSTABLE,
     VERDICT_ROWS,
     Report,
-    States,
     describe_batch,
     step_batch,
 )
-from pcm_gym.mechanism.validation import finite_vector, one_of
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
 from pcm_gym.tasks import Scene, box_of, observation_elements
-from pcm_gym.tasks.scene import reached
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Integers = NDArray[np.int64]
-Generators = Sequence[np.random.Generator]
-
-_EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 _NO_EVENT, _ACTUATOR_LIMIT = EVENTS.index(Event.NONE), EVENTS.index(Event.ACTUATOR_LIMIT)
-_RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
-# What `reset` takes as an equilibrium may be rounded, not wrong.
-_RESIDUAL_TOLERANCE = 1e-8
-
-
-class Rows(NamedTuple):
-    """Everything that the future of a batch depends on, one row per environment, dimensionless as in the kernels."""
-
-    x: Array  # (n, 2 legs + d)
-    inputs: Array  # (n, legs)
-    load: Array  # (n, d)
-    scene: Integers  # (n,): which one the episode takes place in
-    goals: Array  # (n, p, g): the goals of successive steps, over and over
-    witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
-    elapsed: Integers  # (n,): steps since the reset
-    held: Integers  # (n,): states in a row, the present one included, that are at their goal
-    lost: Mask  # (n,): whether a loss of stability has ended the episode
-    commands: Array  # (n, legs): what the actuators have been told
-    drives: Array  # (n, legs): where their drives are
-
-    @property
-    def states(self) -> States:
-        """The dynamic states."""
-        return States(self.x, self.inputs, self.load)
-
-    @property
-    def pursuit(self) -> Pursuit:
-        """The goals and how far their pursuit has come."""
-        return Pursuit(self.goals, self.elapsed, self.held)
-
-
-class Outcome(NamedTuple):
-    """What one step, or a reset, of some rows came to; every array is new."""
-
-    observation: dict[str, Array]
-    reward: Array  # (n,)
-    terminated: Mask  # (n,): stability was lost, and what comes of it is not followed
-    failed: Mask  # (n,): the solver failed
-    success: Mask  # (n,)
-    costs: Array  # (4, n)
-    verdicts: Array  # (7, n)
-
-    def row_info(self, row: int) -> dict[str, Any]:
-        """Return the info of one row, in Python's own types."""
-        verdict, costs = self.verdicts[:, row].tolist(), self.costs[:, row].tolist()
-        return {
-            "is_success": bool(self.success[row]),
-            "cost": sum(costs),
-            "cost_unstable": costs[UNSTABLE],
-            "cost_singular": costs[SINGULAR],
-            "cost_limit": costs[LIMIT],
-            "cost_solver": costs[SOLVER],
-            "index": int(verdict[MORSE_INDEX]),
-            "stability_margin": verdict[STABILITY_MARGIN],
-            "singularity_margin": verdict[SINGULARITY_MARGIN],
-            "residual": verdict[RESIDUAL],
-            "event": _EVENT_NAMES[int(verdict[EVENT])],
-        }
-
-    def infos(self) -> dict[str, NDArray[Any]]:
-        """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
-        verdicts, costs = self.verdicts, self.costs
-        return {
-            "is_success": self.success,
-            "cost": costs.sum(axis=0),
-            "cost_unstable": costs[UNSTABLE],
-            "cost_singular": costs[SINGULAR],
-            "cost_limit": costs[LIMIT],
-            "cost_solver": costs[SOLVER],
-            "index": verdicts[MORSE_INDEX].astype(np.int64),
-            "stability_margin": verdicts[STABILITY_MARGIN],
-            "singularity_margin": verdicts[SINGULARITY_MARGIN],
-            "residual": verdicts[RESIDUAL],
-            "event": _EVENT_NAMES[verdicts[EVENT].astype(np.int64)],
-        }
 
 
 class Simulation:
@@ -146,7 +56,7 @@ class Simulation:
         self._stride, self._behaviour = settings.stride, BEHAVIOURS[settings.on_instability]
         elements = observation_elements(settings.mechanism)
         self._feature_count, self._box = len(elements), box_of(elements)
-        self._extra_elements = settings.elements[len(elements) :]
+        self._sees_features = settings.elements == elements
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self.rows = self._rows_at_home()
@@ -299,9 +209,11 @@ class Simulation:
         settings = self.settings
         if settings.observation_noise > 0.0:
             features = self._with_noise(features, [generators[row] for row in rows.tolist()])
-        if not self._extra_elements:
+        if self._sees_features:
             return features
         state, units, parts = self.rows, self._units, [features]
+        if settings.always_stable:
+            parts = [features[:, :-STABILITY_FEATURES], features[:, 1 - STABILITY_FEATURES :]]
         for steps in settings.task.look_ahead:
             parts.append(state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]])
         if settings.load_varies and settings.observe_load:
@@ -321,103 +233,17 @@ class Simulation:
         return np.clip(noisy, self._box.low, self._box.high)
 
     def reset_rows(self, rows: Integers, generators: Generators, options: Mapping[str, Any] | None) -> None:
-        """Begin new episodes in some rows.
-
-        Parameters
-        ----------
-        rows : array of int
-        generators : sequence of numpy.random.Generator
-            For each of the rows the source of its start and goal.
-        options : mapping, optional
-            Any of `inputs` (start there), `equilibrium` (start with it), `goal` (a pose or an equilibrium) and `load`.
-
-        Raises
-        ------
-        ValueError
-            If an option is unknown, of wrong shape, or cannot be met on stable equilibria; with "continue" the
-            equilibrium may be unstable, and what is reached from it too.
-        """
-        options = options or {}
-        for name in options:
-            one_of("options key", name, _RESET_OPTIONS)
-        goal = self._goal_from(options["goal"]) if "goal" in options else None
-        numbers = self._drawn_scenes(options, generators)
-        for number in np.unique(numbers).tolist():
-            members = np.flatnonzero(numbers == number)
-            scene = self._scene_for(self.scenes[number], options)
-            self._begin(rows[members], number, scene, [generators[member] for member in members.tolist()], goal)
-
-    def _begin(
-        self, rows: Integers, number: int, scene: Scene, generators: Generators, goal: tuple[Array, Array] | None
-    ) -> None:
-        task, state = self.settings.task, self.rows
-        is_unstable = scene.origin is not None and not scene.origin.is_stable
-        episodes = task.sample(replace(scene, origin=None) if is_unstable else scene, generators, self._threads)
-        start = episodes.states
-        if scene.origin is not None and is_unstable:  # its goal is stable none the less
-            start = scene.at_equilibrium(scene.origin, len(rows))
-        for array, values in zip(state.states, start, strict=True):
-            array[rows] = values
-        state.scene[rows], state.elapsed[rows], state.lost[rows] = number, 0, False
-        state.goals[rows], state.witness[rows] = (
-            episodes.goals,
-            np.concatenate([episodes.witness.inputs, episodes.witness.x], axis=1),
-        )
-        if goal is not None:
-            state.goals[rows], state.witness[rows] = goal
-        state.commands[rows], state.drives[rows] = start.inputs, start.inputs
-        _, at_goal = task.goals.score(task.goals.of_states(start.x, start.inputs), state.goals[rows, 0])
-        state.held[rows] = at_goal
-
-    def _drawn_scenes(self, options: Mapping[str, Any], generators: Generators) -> Integers:
-        """Return the number of the scene of each new episode."""
-        if "equilibrium" in options:
-            return np.full(len(generators), self._scene_of(options["equilibrium"]))
-        if len(self.scenes) == 1:
-            return np.zeros(len(generators), dtype=np.int64)
-        return np.array([generator.integers(len(self.scenes)) for generator in generators])
-
-    def _scene_of(self, start: Any) -> int:
-        """Return the number of a scene with the mechanism of an equilibrium; raise if it cannot be a start."""
-        mechanism = self.settings.mechanism
-        if not isinstance(start, Equilibrium):
-            raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
-        numbers = [number for number, scene in enumerate(self.scenes) if scene.mechanism == start.mechanism]
-        if not numbers:
-            raise ValueError(f"option equilibrium must be an Equilibrium of {mechanism.name!r}, got {start!r}")
-        if not start.is_stable and self.settings.on_instability != "continue":
-            raise ValueError(f"option equilibrium must be stable, got index {start.index}")
-        if not start.within_limits:
-            raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
-        if start.residual > _RESIDUAL_TOLERANCE:
-            raise ValueError(f"option equilibrium must be one, got residual {start.residual}")
-        return numbers[0]
-
-    def _scene_for(self, scene: Scene, options: Mapping[str, Any]) -> Scene:
-        """Return the scene with the load and the start that are asked for."""
-        if "load" in options:
-            scene = replace(scene, load=tuple(scene.mechanism.check_load(options["load"]).tolist()))
-        elif "equilibrium" in options:
-            scene = replace(scene, load=tuple(options["equilibrium"].load.tolist()))
-        if "equilibrium" not in options and "inputs" not in options:
-            return scene
-        start, load = options.get("equilibrium"), np.array(scene.load)
-        start = scene.home if start is None else reached(start, start.inputs, load, "load")
-        return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
-
-    def _goal_from(self, wanted: Any) -> tuple[Array, Array]:
-        """Return the goal that a pose or an equilibrium stands for, and its witness."""
-        mechanism, goals = self.settings.mechanism, self.settings.task.goals
-        if isinstance(wanted, Equilibrium):
-            if wanted.mechanism.dof != mechanism.dof:
-                raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {wanted!r}")
-            return goals.of_equilibrium(wanted), np.append(wanted.inputs / self._units.inputs, wanted.state)
-        if goals.with_inputs:
-            raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {wanted!r}")
-        goal = goals.of_pose(finite_vector("option goal", wanted, mechanism.dof))
-        if goal not in goals.box:
-            raise ValueError(f"option goal must be a pose within the reach of the rods, got {wanted!r}")
-        return goal, np.full(mechanism.leg_count + mechanism.state_size, np.nan)
+        """Begin new episodes in some rows, each with its generator; see `open_episodes`."""
+        goals, state = self.settings.task.goals, self.rows
+        for opening in open_episodes(self.settings, self.scenes, generators, options, self._threads):
+            begun, start = rows[opening.members], opening.states
+            for array, values in zip(state.states, start, strict=True):
+                array[begun] = values
+            state.scene[begun], state.elapsed[begun], state.lost[begun] = opening.scene, 0, False
+            state.goals[begun], state.witness[begun] = opening.goals, opening.witness
+            state.commands[begun], state.drives[begun] = start.inputs, start.inputs
+            _, at_goal = goals.score(goals.of_states(start.x, start.inputs), opening.goals[:, 0])
+            state.held[begun] = at_goal
 
 
 def _within(values: Array, lower: Array, upper: Array) -> Array:

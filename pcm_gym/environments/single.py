@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
-from pcm_gym.environments.simulation import Outcome, Simulation
+from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium
@@ -31,32 +32,71 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     the episode ends there, or goes on as `on_instability` says.
 
     Action
-        Box(-1, 1, (legs,)): increments of the actuator inputs, times `max_action`. Cut at the actuators' limits.
+    ------
+    Increments of the actuator inputs, one for each leg, from -1 to 1 times `max_action`. What would lead beyond an
+    actuator's limits is cut there.
 
     Observation
-        Dict of `observation` (`elements` lists what it holds), `achieved_goal` and `desired_goal`: position in mean rod
-        lengths, for a platform also cosine and sine of its angle, for the task Switch also the inputs.
+    -----------
+    A dict of `observation`, `achieved_goal` and `desired_goal`. `elements` lists what `observation` holds,
+    `goal_elements` what a goal holds. A load that is drawn and actuators that do not follow at once add elements; with
+    "snap" and "hold" there is no `is_stable`, which would always be 1.
 
     Reward
-        `compute_reward(achieved_goal, desired_goal, info)`; never negative, see `pcm_gym.tasks.Goals`.
+    ------
+    `compute_reward(achieved_goal, desired_goal, info)`, of one goal or of many; it makes no use of `info`. It is never
+    negative, so that ending an episode early never pays. Costs are no part of it.
 
     Episode end
-        Terminated where `on_instability` says so; truncated by the time limit, or when the solver fails (the state then
-        stays as it was). Reaching the goal does not end an episode.
+    -----------
+    Terminated where stability is lost, if `on_instability` says so. Truncated by the time limit, or when the solver
+    fails; the state then stays as it was. Reaching the goal does not end an episode.
+
+    Loss of stability
+    -----------------
+    A step that meets a fold, or a bifurcation at which the Morse index changes, costs `cost_unstable`. What comes of it
+    is up to `on_instability`:
+
+    - "terminate": the episode ends, in the last state before it.
+    - "snap": the mechanism falls as `pcm_gym.snap` does, to a stable equilibrium at the same inputs, and the step goes
+      on from there; if need be it falls again. Just beyond a bifurcation into stable branches, nearer to it than can be
+      resolved, the step ends there. A fall without a landing is a failure of the solver.
+    - "hold": the increment is refused; state and inputs stay as they were.
+    - "continue": the branch is followed while it exists, stable or not; only a fold ends the episode, in the last state
+      before it.
 
     Info
-        `is_success` (at the goal, stable, for `hold_steps` states in a row); `cost`, the sum of `cost_unstable`
-        (stability was lost on the way, or the state is unstable), `cost_singular` (singularity margin below
-        `singular_margin`), `cost_limit` (an increment was cut) and `cost_solver`, each 0 or 1 and 0 at reset; `index`,
-        `stability_margin`, `singularity_margin` and `residual` of the present equilibrium; `event`, the first loss of
-        stability on the way ("fold", "index_change"), "solver_failure", "actuator_limit" or "none".
+    ----
+    is_success : bool
+        Whether the state is stable and at its goal, for `hold_steps` states in a row.
+    cost : float
+        Sum of the four costs that follow. Each is 0 or 1, and 0 at reset.
+    cost_unstable : float
+        1 where stability was lost on the way, or the state is unstable.
+    cost_singular : float
+        1 where the singularity margin is below `singular_margin`.
+    cost_limit : float
+        1 where an increment was cut at an actuator's limit.
+    cost_solver : float
+        1 where the solver failed.
+    index : int
+        Morse index of the present equilibrium: number of unstable directions of its energy, 0 where it is stable.
+    stability_margin : float
+        Least eigenvalue of the dimensionless stiffness (EI = L = 1). Of an unstable state it proves nothing.
+    singularity_margin : float
+        Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
+    residual : float
+        Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
+    event : str
+        The first loss of stability on the way: "fold", where the branch ends, or "index_change", where it goes on with
+        another index; else "solver_failure", "actuator_limit" or "none".
 
     Parameters
     ----------
     mechanism : Mechanism or str
         The mechanism, or its name in the catalogue.
     render_mode : "rgb_array", optional
-        With "human", `gymnasium.make` shows these pictures in a window.
+        What `render` returns: pictures. With "human", `gymnasium.make` shows these pictures in a window.
     render_ghosts : bool
         Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
         when a picture is drawn: about 10 ms for two legs, a second for a platform.
@@ -66,26 +106,17 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     task : "Reach", "Track" or "Switch"
         Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs.
     reward_type : "dense" or "sparse"
-    difficulty : "near", "anywhere" or "detour", optional
-        For Reach: goals 5 to 15 straight steps from the start (default), anywhere that stable paths lead, or where only
-        a detour around the singular set leads.
+        How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
+    difficulty : str, optional
+        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
     path : "circle", "eight", "spline" or "any", optional
-        For Track: the shape of the paths, of all kinds by default.
+        For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
     success_distance : float
         Distance to the goal, in m, that counts as being there.
     hold_steps : int
         States in a row at the goal that make a success.
     on_instability : "terminate", "snap", "hold" or "continue"
-        What happens where a step meets a fold, or a bifurcation at which the Morse index changes; every such step costs
-        `cost_unstable`.
-
-        - "terminate": the episode ends, in the last state before it.
-        - "snap": the mechanism falls as `pcm_gym.snap` does, to a stable equilibrium at the same inputs, and the step
-          goes on from there; if need be it falls again. Just beyond a bifurcation into stable branches, nearer to it
-          than can be resolved, the step ends there. A fall without a landing is a failure of the solver.
-        - "hold": the increment is refused; state and inputs stay as they were.
-        - "continue": the branch is followed while it exists, stable or not; only a fold ends the episode. The one
-          behaviour in which `reset` takes an unstable `equilibrium`; its goal is then one that home leads to.
+        What comes of a step that loses stability; see "Loss of stability".
     max_action : float or array_like (legs,), optional
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
     singular_margin : float, optional
@@ -111,6 +142,10 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     observation_noise : float
         Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
         stability are exact.
+
+    Version history
+    ---------------
+    - v0: the first.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
@@ -147,6 +182,11 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def elements(self) -> tuple[Element, ...]:
         """What `observation` holds, element by element."""
         return self._simulation.settings.elements
+
+    @property
+    def goal_elements(self) -> tuple[Element, ...]:
+        """What `achieved_goal` and `desired_goal` hold, element by element."""
+        return self.task.goals.elements
 
     @property
     def max_action(self) -> Array:
@@ -186,9 +226,27 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Parameters
         ----------
         seed : int, optional
+            Seed of the environment's random numbers. Same seed and arguments, same episodes.
         options : dict, optional
-            Any of `inputs` (the start is the equilibrium there on the branch of home), `equilibrium` (the start
-            itself), `goal` (a pose, or an equilibrium) and `load`.
+            Any of the options.
+
+        Options
+        -------
+        inputs : array_like (legs,)
+            Inputs of the start, rad or m: the equilibrium to which the branch of home leads, or that of `equilibrium`.
+        equilibrium : Equilibrium
+            The start itself, with its load. Only with `on_instability="continue"` may it be unstable; its goal is then
+            one that home leads to.
+        goal : array_like (d,) or Equilibrium
+            The goal: a pose, m and rad, within the reach of the rods, or what an equilibrium meets. Where goals hold
+            the inputs it must be an equilibrium.
+        load : array_like (d,)
+            Load on the end-effector in this episode, N (and N m), under which home must stay stable.
+
+        Raises
+        ------
+        ValueError
+            If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
         """
         super().reset(seed=seed)
         generators, row = [self.np_random], np.zeros(1, dtype=np.int64)

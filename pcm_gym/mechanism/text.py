@@ -29,7 +29,8 @@ def mechanism_from_json(text: str) -> Mechanism:
     try:
         content = json.loads(text)
         legs = tuple(_leg(entry) for entry in content.pop("legs"))
-        return Mechanism(legs=legs, **content)
+        reference = content.pop("reference", None)
+        return Mechanism(legs=legs, reference=reference and Rod(**reference), **content)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"the text does not describe a mechanism: {error!r}") from error
 

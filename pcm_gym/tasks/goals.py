@@ -13,7 +13,7 @@ from pcm_gym.kernels.goals import Scale, poses_seen, score_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks.observation import pose_reach
+from pcm_gym.tasks.observation import Element, box_of, input_elements, pose_elements
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,17 +27,25 @@ _INPUT_WEIGHT = 0.1
 class Goals:
     """Goals as rows of numbers: position in mean rod lengths, (cos phi, sin phi) of a platform, inputs on request.
 
+    Distance
+    --------
+    The distance `e` between achieved and desired goal is the root of the sum of `weight * (achieved - desired)^2` over
+    their elements, in mean rod lengths. A turn of a platform counts as the path of its hinges, in the root mean square;
+    1 rad or mean rod length of an input counts as a tenth of a mean rod length.
+
+    Reward
+    ------
+    - "dense": `(max(0, 1 - e) + exp(-e / 0.05)) / 2`. One half grows over the whole workspace, the other near the goal.
+    - "sparse": 1 within `success_distance` of the goal, else 0.
+
     Attributes
     ----------
     mechanism : Mechanism
     reward_type : "dense" or "sparse"
-        Sparse: 1 within `success_distance`, else 0. Dense: (max(0, 1 - e) + exp(-e / 0.05)) / 2 with the distance e
-        in mean rod lengths. Both are never negative, so that ending an episode early never pays.
     success_distance : float
-        Goal distance in m that counts as reached. For a platform the turn counts as the path of its hinges.
+        Distance in m that counts as reached.
     with_inputs : bool
-        Whether a goal is a whole equilibrium: the inputs belong to it, and 1 rad or mean rod length counts as a tenth
-        of a mean rod length.
+        Whether a goal is a whole equilibrium, and the inputs belong to it.
     """
 
     mechanism: Mechanism
@@ -64,16 +72,15 @@ class Goals:
         return self.success_distance / self.mechanism.units.length
 
     @property
+    def elements(self) -> tuple[Element, ...]:
+        """What a goal holds, element by element."""
+        elements = pose_elements(self.mechanism)
+        return elements + input_elements(self.mechanism) if self.with_inputs else elements
+
+    @property
     def box(self) -> spaces.Box:
         """The space of achieved and desired goals."""
-        reach = pose_reach(self.mechanism)
-        bounds = np.array([reach, reach, 1.0, 1.0][: self._pose_size])
-        low, high = -bounds, bounds
-        if self.with_inputs:
-            units = self.mechanism.units.inputs
-            low = np.append(low, self.mechanism.lower_limits / units)
-            high = np.append(high, self.mechanism.upper_limits / units)
-        return spaces.Box(low, high, dtype=np.float64)
+        return box_of(self.elements)
 
     @property
     def _pose_size(self) -> int:

@@ -24,10 +24,15 @@ class Element:
 def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     """Return the elements of the observation of a mechanism, in the order in which the kernels fill them.
 
-    All are of order one and continuous in the state, chart seams of the paper's rod parameters included: k and psi
-    are given as the load at the tip and at the clamp, the mode as a number that grows through the modes.
+    Notes
+    -----
+    All are of order one and continuous in the state, chart seams of the rods' parameters included: the modulus k and
+    the direction psi of the force are given as the load at the tip and at the clamp, the mode as a number that grows
+    through the modes. The load of a rod is rho = L sqrt(R / EI), with the force R at its tip, and its part in the
+    elements w = rho^2 / (10 + rho^2). The eigenvalue s is dimensionless (EI = L = 1), the distance d in rad and mean
+    rod lengths.
     """
-    elements = _pose_elements(mechanism)
+    elements = list(pose_elements(mechanism))
     for n, leg in enumerate(mechanism.legs, start=1):
         elements.append(Element(f"input_{n}", f"position of actuator {n} within its limits", "half range", -1.0, 1.0))
         if isinstance(leg.actuator, Revolute):
@@ -37,15 +42,15 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
         elements += _rod_elements(n)
     elements += [
         Element("is_stable", "1 while the equilibrium is stable, 0 once stability is lost", "1", 0.0, 1.0),
-        Element("stability_margin", "s / (20 + |s|), s = least eigenvalue of the stiffness", "EI = L = 1", -1.0, 1.0),
-        Element("singularity_margin", "d / (0.1 + d), d = estimated distance of the nearest fold", "input", 0.0, 1.0),
+        Element("stability_margin", "s / (20 + |s|), s = least eigenvalue of the stiffness", "1", -1.0, 1.0),
+        Element("singularity_margin", "d / (0.1 + d), d = estimated distance of the nearest fold", "1", 0.0, 1.0),
     ]
     return tuple(elements)
 
 
 def goal_elements(mechanism: Mechanism, steps: int) -> tuple[Element, ...]:
     """Return the elements that tell where the goal will be after some steps."""
-    return tuple(_pose_elements(mechanism, f"_in_{steps}", f" of the goal {steps} steps from now"))
+    return pose_elements(mechanism, f"_in_{steps}", f" of the goal {steps} step{'s' * (steps > 1)} from now")
 
 
 def load_elements(mechanism: Mechanism) -> tuple[Element, ...]:
@@ -65,25 +70,41 @@ def command_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     )
 
 
-def _pose_elements(mechanism: Mechanism, suffix: str = "", what: str = " of the end-effector") -> list[Element]:
+def pose_elements(mechanism: Mechanism, suffix: str = "", what: str = " of the end-effector") -> tuple[Element, ...]:
+    """Return the elements that tell a pose."""
     reach = pose_reach(mechanism)
     elements = [
-        Element(f"x{suffix}", f"position{what}", "mean rod length", -reach, reach),
-        Element(f"y{suffix}", f"position{what}", "mean rod length", -reach, reach),
+        Element(f"x{suffix}", f"position{what} along x", "mean rod length", -reach, reach),
+        Element(f"y{suffix}", f"position{what} along y", "mean rod length", -reach, reach),
     ]
     if mechanism.dof == 3:
         elements.append(Element(f"cos_phi{suffix}", f"cosine of the angle{what}", "1", -1.0, 1.0))
         elements.append(Element(f"sin_phi{suffix}", f"sine of the angle{what}", "1", -1.0, 1.0))
-    return elements
+    return tuple(elements)
+
+
+def input_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Return the elements that tell the inputs as they are."""
+    units = mechanism.units.inputs
+    bounds = zip(mechanism.legs, mechanism.lower_limits / units, mechanism.upper_limits / units, strict=True)
+    return tuple(
+        Element(
+            f"input_{n}",
+            f"input of actuator {n}",
+            "rad" if isinstance(leg.actuator, Revolute) else "mean rod length",
+            float(low),
+            float(high),
+        )
+        for n, (leg, low, high) in enumerate(bounds, start=1)
+    )
 
 
 def _rod_elements(n: int) -> list[Element]:
-    load = "rho^2 / (10 + rho^2)"
     return [
-        Element(f"tip_load_along_{n}", f"force on rod {n} along its tip, {load} (2 k^2 - 1)", "1", -1.0, 1.0),
+        Element(f"tip_load_along_{n}", f"force on rod {n} along its tip, w (2 k^2 - 1)", "1", -1.0, 1.0),
         Element(f"tip_load_across_{n}", f"force on rod {n} across its tip", "1", -1.0, 1.0),
-        Element(f"clamp_load_along_{n}", f"force on rod {n} along its clamp, {load} cos(psi)", "1", -1.0, 1.0),
-        Element(f"clamp_load_across_{n}", f"force on rod {n} across its clamp, {load} sin(psi)", "1", -1.0, 1.0),
+        Element(f"clamp_load_along_{n}", f"force on rod {n} along its clamp, w cos(psi)", "1", -1.0, 1.0),
+        Element(f"clamp_load_across_{n}", f"force on rod {n} across its clamp, w sin(psi)", "1", -1.0, 1.0),
         Element(f"mode_{n}", f"p / (1 + p), buckling mode of rod {n} = 1 + integer part of p", "1", 0.0, 1.0),
     ]
 

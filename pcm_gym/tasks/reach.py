@@ -28,15 +28,20 @@ _DETOUR_STARTS, _DETOUR_GOALS, _LONGEST_DETOUR = 48, 96, 80
 
 @dataclass(frozen=True)
 class Reach(Task):
-    """Reach a goal pose.
+    """Bring the end-effector to a goal pose and keep it there.
+
+    Starts and goals
+    ----------------
+    Starts are spread evenly over the poses that stable paths from home reach. Goals are where `difficulty` says, and
+    not met at the start; a way without any cost leads to them.
 
     Attributes
     ----------
     goals : Goals
     difficulty : "near", "anywhere" or "detour"
-        Where the goals are. Near: 5 to 15 straight steps from the start. Anywhere: evenly over the poses that stable
-        paths reach. Detour: where the straight way of the inputs loses stability, but another way, of up to 80 steps,
-        does not.
+        Where the goals are. Near: 5 to 15 straight steps from the start, fewer where more would lose stability.
+        Anywhere: evenly over the poses that stable paths reach. Detour: where the straight way of the inputs loses
+        stability, but another way, of up to 80 steps, does not; refused for mechanisms without such goals.
     """
 
     time_limit: ClassVar[int] = 100

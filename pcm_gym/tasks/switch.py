@@ -29,15 +29,21 @@ SwitchDifficulty = Literal["around", "fall"]
 class Switch(Task):
     """Change the assembly mode: reach another stable equilibrium at the inputs of the start.
 
-    The goal tells the inputs too. A way of up to 80 steps leads to it.
+    The goal tells the inputs too: the end-effector has to be there with the actuators where they were.
+
+    Starts and goals
+    ----------------
+    A pair of start and goal, farther apart than `success_distance`, is drawn evenly from those of up to 512 starts. A
+    way of up to 80 steps leads from one to the other, of the kind that `difficulty` says.
 
     Attributes
     ----------
     goals : Goals
         With inputs.
     difficulty : "around" or "fall"
-        Around: the way never loses stability; it leads around a cusp of the singular set. Fall: there is no such way,
-        the mechanism has to fall once or more, as few times as possible.
+        What leads to the goals. Around: the way never loses stability; it leads around a cusp of the singular set.
+        Fall: there is no such way, the mechanism has to fall once or more, as few times as possible; only with
+        `on_instability="snap"`.
     """
 
     time_limit: ClassVar[int] = 150

@@ -30,6 +30,12 @@ class Episodes:
 class Task(ABC):
     """A task is what its goals are and how episodes are drawn; what it is to reach one, the goals tell themselves.
 
+    Starts and goals
+    ----------------
+    Starts and goals that are drawn are stable equilibria, with a singularity margin of at least one and a half times
+    `singular_margin`. `witness` is an equilibrium that meets the first goal; it is not observed. Same generator, same
+    episode. What stable ways reach is charted when episodes are first drawn, which takes up to some seconds.
+
     Attributes
     ----------
     goals : Goals

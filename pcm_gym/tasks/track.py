@@ -35,6 +35,15 @@ _PACE = 0.7
 class Track(Task):
     """Follow a goal that moves along a closed path, once around in 100 steps.
 
+    The observation also tells where the goal will be in 1, 2, 4 and 8 steps.
+
+    Starts and goals
+    ----------------
+    An episode begins at its goal, anywhere on a path that is drawn evenly from up to 128 of each shape; it is followed
+    in either sense. The paths go through poses spread evenly over those that stable paths from home reach, and up to
+    0.4 mean rod lengths away from them. Each can be followed without any cost, with steps of at most 0.7 of the
+    agent's.
+
     Attributes
     ----------
     goals : Goals

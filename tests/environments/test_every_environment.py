@@ -45,6 +45,11 @@ def variants(environment_id: str) -> list[dict[str, Any]]:
     return [{}, {"reward_type": "sparse", "load": (0.05, -0.1)}, folding_arguments(environment_id)]
 
 
+def terminates(environment_id: str) -> bool:
+    """Whether the loss of stability ends episodes, as it does where no other behaviour is registered."""
+    return gymnasium.spec(environment_id).kwargs.get("on_instability", "terminate") == "terminate"
+
+
 def is_stable_element(env: Any) -> int:
     return [element.name for element in env.elements].index("is_stable")
 
@@ -175,7 +180,9 @@ def test_state_of_a_batch_is_restored_exactly(environment_id: str, mode: Autores
     env, other = (make_native(environment_id, 3, autoreset_mode=mode, max_episode_steps=20) for _ in range(2))
     env.reset(seed=1)
     for action in sweeping_actions(15, env.action_space.shape, seed=9):
-        env.step(action)
+        *_, terminated, truncated, _ = env.step(action)
+        if mode is AutoresetMode.DISABLED and (terminated | truncated).any():
+            env.reset(options={"reset_mask": terminated | truncated})
     state = env.save_state()
     pickled = pickle.dumps(state)
     first = rest(env)
@@ -233,8 +240,9 @@ def test_info_of_a_step_has_the_keys_types_and_values_of_the_contract(environmen
             _, reward, terminated, truncated, _ = record
             assert [type(value) for value in (reward, terminated, truncated)] == [float, bool, bool]
             assert reward >= 0.0
-            assert info["cost_unstable"] == float(terminated)
-            assert terminated == (info["event"] in ("fold", "index_change"))
+            is_lost = info["event"] in ("fold", "index_change")
+            assert info["cost_unstable"] == float(is_lost)
+            assert terminated == (is_lost and terminates(environment_id))
             assert info["cost_solver"] == float(info["event"] == "solver_failure")
             assert info["cost_singular"] == float(info["singularity_margin"] < env.singular_margin)
 
@@ -263,7 +271,7 @@ def test_compute_reward_is_the_reward_of_the_step(environment_id: str, reward_ty
     single = make_bare(environment_id, **keywords)
     expected, *goals = _rewards_and_goals(environment_id, **keywords)
     assert (expected >= 0.0).all()
-    assert np.ptp(expected) > 0.1
+    assert np.ptp(expected) > 0.05
     found = single.compute_reward(*goals, {})
     assert found.dtype == np.float64
     assert found.tobytes() == expected.tobytes()
@@ -292,6 +300,8 @@ def _rewards_and_goals(environment_id: str, **keywords: Any) -> list[Any]:
 
 
 def test_losing_stability_terminates_with_a_cost(environment_id: str) -> None:
+    if not terminates(environment_id):
+        pytest.skip("it falls and goes on: tests of the four behaviours")
     env = make_bare(environment_id, **folding_arguments(environment_id))
     events = set()
     for seed in range(40):
@@ -344,7 +354,8 @@ def test_limits_of_the_actuators_cut_the_step_and_cost(environment_id: str) -> N
             outside = np.maximum(lower - wish, wish - upper).max()
             if abs(outside) > 1e-9:
                 assert info["cost_limit"] == float(outside > 0.0)
-                assert info["event"] == ("actuator_limit" if outside > 0.0 else "none")
+                if info["event"] not in ("fold", "index_change"):
+                    assert info["event"] == ("actuator_limit" if outside > 0.0 else "none")
                 cut_count += int(outside > 0.0)
             np.testing.assert_allclose(env.equilibrium.inputs, np.clip(wish, lower, upper), rtol=0.0, atol=1e-12)
             assert env.equilibrium.within_limits
@@ -465,7 +476,7 @@ def test_batch_equals_single_environments_bit_for_bit(environment_id: str, mode:
                 for row in np.flatnonzero(ended):  # one by one, so that the others are seen to wait
                     options = {"reset_mask": np.arange(5) == row}
                     assert_same(native.reset(options=options), sync.reset(options=dict(options)))
-    assert (ends > 0).all()
+    assert (ends > 0).tolist() == [terminates(environment_id), True]
 
 
 def test_large_batch_equals_single_environment(environment_id: str) -> None:

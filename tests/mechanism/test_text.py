@@ -1,11 +1,12 @@
 """Mechanisms as JSON come back equal; other texts are refused with the reason."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pcm_gym.mechanism import get_mechanism, mechanism_from_json, mechanism_names, mechanism_to_json
+from pcm_gym.mechanism import Rod, get_mechanism, mechanism_from_json, mechanism_names, mechanism_to_json
 from tests.reference.mechanisms import FAMILIES, random_mechanism
 
 
@@ -51,3 +52,10 @@ def test_a_damaged_description_is_refused(damage):
 def test_other_texts_are_refused(text):
     with pytest.raises(ValueError, match="does not describe a mechanism"):
         mechanism_from_json(text)
+
+
+def test_a_reference_rod_comes_back():
+    mechanism = replace(get_mechanism("3PFR"), reference=Rod(2.0, 0.5))
+    again = mechanism_from_json(mechanism_to_json(mechanism))
+    assert again == mechanism
+    assert again.units.length == 2.0
