@@ -125,8 +125,8 @@ def step_parts(environment_id: str) -> Measure:
     """Return a measure of the microseconds that the parts of one row's step take, on 1024 rows and one thread.
 
     `solve`: rods and Newton's method, in lock-step; `stability`: index and margins, before and after the step;
-    `alone`: the rows that a step over the whole way refuses; `observation`: limits, costs and what is observed; `python`: rewards,
-    infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
+    `alone`: the rows that a step over the whole way refuses; `observation`: limits, costs and what is observed;
+    `python`: rewards, infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
     """
     mechanism = gymnasium.spec(environment_id).kwargs["mechanism"]
     env = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
