@@ -100,7 +100,7 @@ def step_batch(
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
             row = rows[first + lane]
-            is_cut[lane] = _set_target(legs, states.inputs[row], actions[row], stride, target)
+            is_cut[lane] = _set_target(legs, states.inputs, actions, row, stride, target)
             load_lane(states, row, target, block, lane)
         computed = step_block(legs, block, count, states.load.shape[1])
         _see_block(legs, block, count, computed, states.load.shape[1], seen)
@@ -132,7 +132,7 @@ def _step_refused(
     count = rows.shape[0]
     targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
     for k in range(count):
-        is_cut[k] = _set_target(legs, states.inputs[rows[k]], actions[rows[k]], stride, targets[k])
+        is_cut[k] = _set_target(legs, states.inputs, actions, rows[k], stride, targets[k])
     has_arrived = _step_in_parts(legs, states, rows, targets, block)
     _tell(legs, states, rows[has_arrived], is_cut[has_arrived], behaviour, singular_margin, report, block)
     step_alone(legs, states, rows[~has_arrived], actions, stride, behaviour, singular_margin, report)
@@ -170,10 +170,10 @@ def _step_in_parts(legs: Array, states: States, rows: Rows, targets: Array, bloc
                     going[left] = k
                     left += 1
         going_count = left
-    for k in range(count):
-        if done[k] == 1.0:
-            states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
-    return done == 1.0
+    has_arrived: Mask = done == 1.0
+    for k in np.flatnonzero(has_arrived):
+        states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
+    return has_arrived
 
 
 @kernel
@@ -200,7 +200,7 @@ def step_alone(
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
-        is_cut = _set_target(legs, inputs, actions[row], stride, target)
+        is_cut = _set_target(legs, states.inputs, actions, row, stride, target)
         tracked = advance(legs, x, inputs, load, target, behaviour, line, work)
         if tracked.event == SOLVER_FAILURE or (behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
@@ -254,37 +254,39 @@ def _tell(
                 _report_lane(row, block, lane, seen, is_here_cut, behaviour, singular_margin, report)
 
 
-@kernel
-def _set_target(legs: Array, inputs: Array, action: Array, stride: Array, target: Array) -> bool:
+@formula
+def _set_target(legs: Array, inputs: Array, actions: Array, row: int, stride: Array, target: Array) -> bool:
+    """Set the inputs that an action leads to; return whether they are cut at a limit."""
     is_cut = False
     for i in range(legs.shape[0]):
-        wish = inputs[i] + min(max(action[i], -1.0), 1.0) * stride[i]
+        wish = inputs[row, i] + min(max(actions[row, i], -1.0), 1.0) * stride[i]
         target[i] = min(max(wish, legs[i, LOWER]), legs[i, UPPER])
         is_cut = is_cut or target[i] != wish
     return is_cut
 
 
-@kernel
+@formula
 def load_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:
     """Put the state of a row, and the inputs that it is to move to, into a lane."""
-    common, leg_count, dof = block.common, block.legs.shape[0], states.load.shape[1]
+    leg_runs, common, leg_count, dof = block.legs, block.common, block.legs.shape[0], states.load.shape[1]
     for i in range(leg_count):
-        leg = block.legs[i]
-        leg[lanes.G_X + lane], leg[lanes.G_Y + lane] = states.x[row, 2 * i], states.x[row, 2 * i + 1]
-        leg[lanes.INPUT + lane], leg[lanes.TARGET + lane] = states.inputs[row, i], target[i]
+        leg_runs[i, lanes.G_X + lane] = states.x[row, 2 * i]
+        leg_runs[i, lanes.G_Y + lane] = states.x[row, 2 * i + 1]
+        leg_runs[i, lanes.INPUT + lane] = states.inputs[row, i]
+        leg_runs[i, lanes.TARGET + lane] = target[i]
     for d in range(3):
         common[lanes.X + d * LANES + lane] = states.x[row, 2 * leg_count + d] if d < dof else 0.0
         common[lanes.LOAD_X + d * LANES + lane] = states.load[row, d] if d < dof else 0.0
 
 
-@kernel
+@formula
 def _store_lane(states: States, row: int, block: Block, lane: int) -> None:
     """Put the state that a lane has come to into its row."""
-    common, leg_count = block.common, block.legs.shape[0]
+    leg_runs, common, leg_count = block.legs, block.common, block.legs.shape[0]
     for i in range(leg_count):
-        leg = block.legs[i]
-        states.x[row, 2 * i], states.x[row, 2 * i + 1] = leg[lanes.G_X + lane], leg[lanes.G_Y + lane]
-        states.inputs[row, i] = leg[lanes.TARGET + lane]
+        states.x[row, 2 * i] = leg_runs[i, lanes.G_X + lane]
+        states.x[row, 2 * i + 1] = leg_runs[i, lanes.G_Y + lane]
+        states.inputs[row, i] = leg_runs[i, lanes.TARGET + lane]
     for d in range(states.load.shape[1]):
         states.x[row, 2 * leg_count + d] = common[lanes.X + d * LANES + lane]
 
@@ -307,7 +309,7 @@ def _make_seen(report: Report) -> Array:
     return np.empty((report.features.shape[1], LANES))
 
 
-@kernel
+@formula
 def _report_lane(
     row: int,
     block: Block,
@@ -325,7 +327,7 @@ def _report_lane(
     _report(row, _verdict(block.common, lane), margin, is_cut, behaviour, singular_margin, report)
 
 
-@kernel
+@formula
 def _report(
     row: int,
     tracked: Tracked,
@@ -336,7 +338,7 @@ def _report(
     report: Report,
 ) -> None:
     """Fill verdict and costs of a row, and the features that tell of its stability."""
-    verdicts, costs, features = report.verdicts, report.costs, report.features[row]
+    verdicts, costs, features = report.verdicts, report.costs, report.features
     is_unstable = tracked.morse_index > 0
     costs[UNSTABLE, row] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
     costs[SINGULAR, row] = 1.0 if margin < singular_margin else 0.0
@@ -349,10 +351,10 @@ def _report(
     verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdicts[FRACTION, row] = tracked.fraction
     verdicts[LOST, row] = 1.0 if _ends(tracked.event, behaviour) else 0.0
-    n = features.shape[0] - STABILITY_FEATURES
-    features[n] = 0.0 if is_unstable or verdicts[LOST, row] > 0.0 else 1.0
-    features[n + 1] = tracked.stability_margin / (_STIFFNESS_SCALE + abs(tracked.stability_margin))
-    features[n + 2] = margin / (_DISTANCE_SCALE + margin)
+    n = features.shape[1] - STABILITY_FEATURES
+    features[row, n] = 0.0 if is_unstable or verdicts[LOST, row] > 0.0 else 1.0
+    features[row, n + 1] = tracked.stability_margin / (_STIFFNESS_SCALE + abs(tracked.stability_margin))
+    features[row, n + 2] = margin / (_DISTANCE_SCALE + margin)
 
 
 @formula
