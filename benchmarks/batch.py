@@ -125,8 +125,8 @@ def step_parts(environment_id: str) -> Measure:
     """Return a measure of the microseconds that the parts of one row's step take, on 1024 rows and one thread.
 
     `solve`: rods and Newton's method, in lock-step; `stability`: index and margins, before and after the step;
-    `alone`: the rows that are tracked one by one; `observation`: limits, costs and what is observed; `python`: rewards,
-    infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
+    `alone`: the rows that a step over the whole way refuses; `observation`: limits, costs and what is observed;
+    `python`: rewards, infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
     """
     mechanism = gymnasium.spec(environment_id).kwargs["mechanism"]
     env = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
@@ -142,13 +142,13 @@ def step_parts(environment_id: str) -> Measure:
     report = Report(np.empty((VERDICT_ROWS, _ROWS)), np.empty((COST_ROWS, _ROWS)), np.empty((_ROWS, feature_count)))
     refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
     _in_blocks(legs, simulation.rows.states, targets, refused, 0)
-    refused_rows = np.flatnonzero(refused)
+    refused_rows, refused_share = np.flatnonzero(refused), float(refused.mean())
     states = simulation.rows.states
     parts = {
         "blocks": lambda: _in_blocks(legs, states, targets, refused, 0),
         "verdicts": lambda: _in_blocks(legs, states, targets, refused, 2 * _REPEATS),
         "loading": lambda: _in_blocks(legs, states, targets, refused, -1),
-        "alone": lambda: step_alone(legs, states, refused_rows, actions, stride, TERMINATE, margin, report),
+        "refused": lambda: step_batch(legs, states, refused_rows, actions, stride, TERMINATE, margin, report),
         "kernel": lambda: step_batch(legs, states, every_row, actions, stride, TERMINATE, margin, report),
         "all_alone": lambda: step_alone(legs, states, every_row, actions, stride, TERMINATE, margin, report),
         "total": lambda: env.step(actions),
@@ -160,12 +160,12 @@ def step_parts(environment_id: str) -> Measure:
         return {
             "solve": found["blocks"] - stability,
             "stability": stability,
-            "alone": found["alone"],
-            "observation": found["kernel"] - found["blocks"] - found["alone"],
+            "alone": found["refused"],
+            "observation": found["kernel"] - found["blocks"] - found["refused"],
             "python": found["total"] - found["kernel"],
             "total": found["total"],
             "all_alone": found["all_alone"],
-            "refused": refused.mean(),
+            "refused": refused_share,
         }
 
     def timed(part: Any) -> float:

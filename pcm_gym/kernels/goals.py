@@ -74,7 +74,9 @@ def pursue(
     for k in range(rows.shape[0]):
         row = rows[k]
         pursuit.elapsed[row] += has_stepped[k]
-        desired[k] = pursuit.goals[row, pursuit.elapsed[row] % period]
+        phase = pursuit.elapsed[row] % period if period > 1 else 0
+        for j in range(desired.shape[1]):
+            desired[k, j] = pursuit.goals[row, phase, j]
         distance = _distance(achieved[k], desired[k], scale.weights)
         rewards[k] = _reward(distance, scale)
         if has_stepped[k]:

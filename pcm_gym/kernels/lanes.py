@@ -63,15 +63,13 @@ _RESIDUAL_LIMIT = 1e-12
 # Newton iterations before a lane is left to the scalar code, which may take more.
 _MOST_ITERATIONS = 5
 
-# Runs of a leg: load at the tip, input and the one to move to, clamp, what `rod` gives in the world frame, the
-# elliptic functions in it, stiffness, arm, right-hand side of closure, and step.
+# Runs of a leg: load at the tip, input and the one to move to, direction of the clamp, what `rod` gives in the world
+# frame, place of the clamp, elliptic functions, stiffness, arm, right-hand side of closure, and step.
 (
     G_X,
     G_Y,
     INPUT,
     TARGET,
-    CLAMP_X,
-    CLAMP_Y,
     CLAMP_C,
     CLAMP_S,
     TIP_X,
@@ -82,12 +80,14 @@ _MOST_ITERATIONS = 5
     _,
     _,
     _,
+    HALF_PERIODS,
     FORCE_G,
     _,
     _,
     _,
     DEAD_LOAD_INDEX,
-    HALF_PERIODS,
+    CLAMP_X,
+    CLAMP_Y,
     FUNCTIONS,
     _,
     _,
@@ -188,6 +188,20 @@ def step_block(legs: Array, block: Block, count: int, dof: int) -> int:
 
 
 @kernel
+def rest_block(legs: Array, block: Block, count: int, dof: int) -> int:
+    """Evaluate and judge the first `count` lanes where they are; return how many are computed.
+
+    Set are the loads at the tips, inputs, as inputs to move to the same ones, pose and load. Afterwards the lanes in
+    which `IS_SOUND` is 1 are told as after a step that ends there; the others are left to the scalar code.
+    """
+    computed = _fill_up(block, count)
+    block.common[IS_SOUND : IS_SOUND + computed] = 1.0
+    _place_clamps(legs, block, computed, 1.0)
+    _finish(legs, block, computed, dof)
+    return computed
+
+
+@kernel
 def _fill_up(block: Block, count: int) -> int:
     """Copy the last lane behind itself where that saves time; return the number of lanes to be computed."""
     common, left_over = block.common, count % _VECTOR
@@ -225,12 +239,21 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
         _add_step(block, count)
         if _close_iteration(common, count, STEP_RULES.first_correction if iteration == 0 else math.inf) == 0:
             break
+    _finish(legs, block, count, dof)
+    for lane in range(count):
+        is_sound = (common[INDEX + lane] == common[INDEX_BEFORE + lane]) & (common[IS_MOVING + lane] == 0.0)
+        common[IS_SOUND + lane] = common[IS_SOUND + lane] if is_sound else 0.0
+
+
+@kernel
+def _finish(legs: Array, block: Block, count: int, dof: int) -> None:
+    """Evaluate and judge the lanes at the state that they have come to; refuse those that are no equilibria."""
+    common = block.common
     _evaluate(legs, block, count, dof)
     _set_residual(block, count)
     judge_block(block, count, dof)
     for lane in range(count):
-        is_same = common[INDEX + lane] == common[INDEX_BEFORE + lane]
-        is_sound = is_same & (common[IS_MOVING + lane] == 0.0) & (residual(common, lane) < _RESIDUAL_LIMIT)
+        is_sound = residual(common, lane) < _RESIDUAL_LIMIT
         common[IS_SOUND + lane] = common[IS_SOUND + lane] if is_sound else 0.0
 
 

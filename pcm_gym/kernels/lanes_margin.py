@@ -18,12 +18,13 @@ from pcm_gym.kernels.closure import (
     step_from_tip,
     turned,
 )
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 from pcm_gym.kernels.lanes import (
     ARM_X,
     ARM_Y,
     CLAMP_C,
     CLAMP_S,
+    FORCE_G,
     FORCE_X,
     FORCE_Y,
     FUNCTIONS,
@@ -51,7 +52,7 @@ from pcm_gym.kernels.lanes import (
     leg_stiffness,
 )
 from pcm_gym.kernels.margin import FARTHEST, STIFF
-from pcm_gym.kernels.rod import rod_bend
+from pcm_gym.kernels.rod import Form, bend, rod_curvature
 
 Array = NDArray[np.float64]
 
@@ -61,6 +62,9 @@ _DIAGONAL = (0, 2, 5)
 _LEAST_SLOPE = 1e-300
 # The runs of steps are free here: derivatives of v' K v by tip of the rod and by the turn of its clamp.
 _BY_TIP_X, _BY_TIP_Y, _BY_TURN = RIGHT_X, RIGHT_Y, STEP_X
+# So are twelve in a row, from the derivatives of the force to the elliptic functions, once these are used: second
+# derivatives of the rod, three runs each.
+_TIP_X_BENDS, _TIP_Y_BENDS, _FORCE_X_BENDS, _FORCE_Y_BENDS = range(FORCE_G, FORCE_G + 12 * LANES, 3 * LANES)
 
 
 @kernel
@@ -68,6 +72,8 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
     """Fill the singularity margin of lanes that are evaluated and judged; leaves their verdict and error alone."""
     common = block.common
     common[SINGULARITY_MARGIN : SINGULARITY_MARGIN + count] = FARTHEST
+    for i in range(legs.shape[0]):
+        _set_curvature(block.legs[i], count)
     for mode in range(dof):
         common[PULL_X : PULL_X + count] = 0.0
         common[PULL_Y : PULL_Y + count] = 0.0
@@ -82,6 +88,37 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
 
 
 @kernel
+def _set_curvature(leg: Array, count: int) -> None:
+    """Fill the second derivatives of the rod, and so replace the elliptic functions that they come from."""
+    for lane in range(count):
+        functions = (
+            leg[FUNCTIONS + lane],
+            leg[FUNCTIONS + LANES + lane],
+            leg[FUNCTIONS + 2 * LANES + lane],
+            leg[FUNCTIONS + 3 * LANES + lane],
+            leg[FUNCTIONS + 4 * LANES + lane],
+        )
+        tip_x, tip_y, force_x, force_y = rod_curvature(leg[G_X + lane], leg[G_Y + lane], functions)
+        leg[_TIP_X_BENDS + lane] = tip_x[0]
+        leg[_TIP_X_BENDS + LANES + lane] = tip_x[1]
+        leg[_TIP_X_BENDS + 2 * LANES + lane] = tip_x[2]
+        leg[_TIP_Y_BENDS + lane] = tip_y[0]
+        leg[_TIP_Y_BENDS + LANES + lane] = tip_y[1]
+        leg[_TIP_Y_BENDS + 2 * LANES + lane] = tip_y[2]
+        leg[_FORCE_X_BENDS + lane] = force_x[0]
+        leg[_FORCE_X_BENDS + LANES + lane] = force_x[1]
+        leg[_FORCE_X_BENDS + 2 * LANES + lane] = force_x[2]
+        leg[_FORCE_Y_BENDS + lane] = force_y[0]
+        leg[_FORCE_Y_BENDS + LANES + lane] = force_y[1]
+        leg[_FORCE_Y_BENDS + 2 * LANES + lane] = force_y[2]
+
+
+@formula
+def _form(leg: Array, run: int, lane: int) -> Form:
+    return leg[run + lane], leg[run + LANES + lane], leg[run + 2 * LANES + lane]
+
+
+@kernel
 def _differentiate(leg: Array, common: Array, count: int, mode: int, length: float, unit_force: float) -> None:
     """Fill the derivatives of v' K v that come from one leg, and add that by the pose."""
     for lane in range(count):
@@ -92,17 +129,16 @@ def _differentiate(leg: Array, common: Array, count: int, mode: int, length: flo
         tip_x, tip_y = move_x - turn * arm_y, move_y + turn * arm_x
         pull_x, pull_y = a_xx * tip_x + a_xy * tip_y, a_xy * tip_x + a_yy * tip_y
         step_x, step_y = step_from_tip(derivatives_of(leg, TIP_G, lane), tip_x, tip_y)
-        functions = (
-            leg[FUNCTIONS + lane],
-            leg[FUNCTIONS + LANES + lane],
-            leg[FUNCTIONS + 2 * LANES + lane],
-            leg[FUNCTIONS + 3 * LANES + lane],
-            leg[FUNCTIONS + 4 * LANES + lane],
+        curvature = (
+            _form(leg, _TIP_X_BENDS, lane),
+            _form(leg, _TIP_Y_BENDS, lane),
+            _form(leg, _FORCE_X_BENDS, lane),
+            _form(leg, _FORCE_Y_BENDS, lane),
         )
-        bend = rod_bend(leg[G_X + lane], leg[G_Y + lane], functions, step_x, step_y)
+        bends = bend(leg[G_X + lane], leg[G_Y + lane], curvature, step_x, step_y)
         cosine, sine = leg[CLAMP_C + lane], leg[CLAMP_S + lane]
-        bend_x, bend_y = turned(length * cosine, length * sine, bend[0], bend[1])
-        by_tip_x, by_tip_y = turned(unit_force * cosine, unit_force * sine, bend[2], bend[3])
+        bend_x, bend_y = turned(length * cosine, length * sine, bends[0], bends[1])
+        by_tip_x, by_tip_y = turned(unit_force * cosine, unit_force * sine, bends[2], bends[3])
         # with the end-effector the arm turns, and the tip leaves its straight line
         bend_x, bend_y = bend_x + turn * turn * arm_x, bend_y + turn * turn * arm_y
         by_tip_x -= a_xx * bend_x + a_xy * bend_y

@@ -27,6 +27,10 @@ _LARGEST_LOAD = 2.5e5
 _LEAST_PARAMETER = 1e-300
 # Jacobi's sn, cn, dn, u - E(u) and the quarter period.
 Functions = tuple[float, float, float, float, float]
+# Four quadratic forms in the rates of rho and b, by their coefficients of rho rho, rho b and b b; and their values.
+Form = tuple[float, float, float]
+Curvature = tuple[Form, Form, Form, Form]
+Bend = tuple[float, float, float, float]
 
 
 class RodPoint(NamedTuple):
@@ -168,39 +172,68 @@ def _base_end(
 
 
 @formula
-def rod_bend(
-    g_x: float, g_y: float, functions: Functions, step_x: float, step_y: float
-) -> tuple[float, float, float, float]:
-    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, along a path through g.
+def rod_curvature(g_x: float, g_y: float, functions: Functions) -> Curvature:
+    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, by rho and b, see `bend`.
 
-    The path leaves g with the velocity (step_x, step_y), and rho and b change along it at constant rates. `functions`
-    are those of `rod_in_lanes`, where it holds.
+    `functions` are those of `rod_in_lanes`, where it holds.
     """
     load = math.sqrt(g_x * g_x + g_y * g_y)
     rho = math.sqrt(load)
     kappa, kappa_c = tip_half_angle(g_x, g_y, load)
     cos_b, sin_b = g_x / load, -g_y / load
-    rho_t, b_t = 0.5 * (cos_b * step_x - sin_b * step_y) / rho, -(sin_b * step_x + cos_b * step_y) / load
     cos_0, sin_0, beta_u, along, across, eta, eta_u = _base_end(rho, kappa, kappa_c, functions)
     eta_b, eta_ub = _eta_by_b(rho, kappa, kappa_c, functions)
 
-    turn = beta_u * rho_t + eta * b_t
-    turn_t = sin_0 * rho_t * rho_t + 2.0 * eta_u * rho_t * b_t + eta_b * b_t * b_t
+    # by rho and by b; then the forms in their rates: by rho twice, by rho and b, by b twice
+    per_rho = 1.0 / rho
     x_b, x_bb = -0.5 * (beta_u * eta + rho * sin_b), -0.5 * (eta_u * eta + beta_u * eta_b + rho * cos_b)
-    along_t = (cos_0 * rho_t + x_b * b_t - along * rho_t) / rho
-    across_t = (sin_0 * rho_t + eta_u * b_t - across * rho_t) / rho
-    along_tt = (x_bb * b_t * b_t - sin_0 * (turn + eta * b_t) * rho_t - 2.0 * along_t * rho_t) / rho
-    across_tt = (eta_ub * b_t * b_t + cos_0 * (turn + eta * b_t) * rho_t - 2.0 * across_t * rho_t) / rho
+    along_1, along_2 = (cos_0 - along) * per_rho, x_b * per_rho
+    across_1, across_2 = (sin_0 - across) * per_rho, eta_u * per_rho
+    along_11, across_11 = -(sin_0 * beta_u + 2.0 * along_1) * per_rho, (cos_0 * beta_u - 2.0 * across_1) * per_rho
+    along_12, across_12 = -2.0 * (sin_0 * eta + along_2) * per_rho, 2.0 * (cos_0 * eta - across_2) * per_rho
+    turn_11, turn_12, turn_22 = beta_u * beta_u, 2.0 * beta_u * eta, eta * eta
     # tip and force are turned by -beta0 into the clamp's frame
-    tip_x = along_tt + 2.0 * turn * across_t + turn_t * across - turn * turn * along
-    tip_y = across_tt - 2.0 * turn * along_t - turn_t * along - turn * turn * across
-    force_x = 2.0 * rho_t * rho_t - turn * turn * load
-    force_y = -4.0 * turn * rho * rho_t - turn_t * load
+    tip_x = (
+        along_11 + 2.0 * beta_u * across_1 + sin_0 * across - turn_11 * along,
+        along_12 + 2.0 * (beta_u * across_2 + eta * across_1 + eta_u * across) - turn_12 * along,
+        x_bb * per_rho + 2.0 * eta * across_2 + eta_b * across - turn_22 * along,
+    )
+    tip_y = (
+        across_11 - 2.0 * beta_u * along_1 - sin_0 * along - turn_11 * across,
+        across_12 - 2.0 * (beta_u * along_2 + eta * along_1 + eta_u * along) - turn_12 * across,
+        eta_ub * per_rho - 2.0 * eta * along_2 - eta_b * along - turn_22 * across,
+    )
+    force_x = (2.0 - turn_11 * load, -turn_12 * load, -turn_22 * load)
+    force_y = (-4.0 * beta_u * rho - sin_0 * load, -4.0 * eta * rho - 2.0 * eta_u * load, -eta_b * load)
+
     return (
-        tip_x * cos_0 + tip_y * sin_0,
-        tip_y * cos_0 - tip_x * sin_0,
-        force_x * cos_0 + force_y * sin_0,
-        force_y * cos_0 - force_x * sin_0,
+        _turned_form(tip_x, tip_y, cos_0, sin_0),
+        _turned_form(tip_y, tip_x, cos_0, -sin_0),
+        _turned_form(force_x, force_y, cos_0, sin_0),
+        _turned_form(force_y, force_x, cos_0, -sin_0),
+    )
+
+
+@formula
+def _turned_form(own: Form, other: Form, c: float, s: float) -> Form:
+    return c * own[0] + s * other[0], c * own[1] + s * other[1], c * own[2] + s * other[2]
+
+
+@formula
+def bend(g_x: float, g_y: float, curvature: Curvature, step_x: float, step_y: float) -> Bend:
+    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, along a path through g.
+
+    The path leaves g with the velocity (step_x, step_y), and rho and b change along it at constant rates.
+    """
+    square = g_x * g_x + g_y * g_y
+    load = math.sqrt(square)
+    rho_t, b_t = 0.5 * (g_x * step_x + g_y * step_y) / (load * math.sqrt(load)), (g_y * step_x - g_x * step_y) / square
+    first, mixed, second = rho_t * rho_t, rho_t * b_t, b_t * b_t
+    return (
+        curvature[0][0] * first + curvature[0][1] * mixed + curvature[0][2] * second,
+        curvature[1][0] * first + curvature[1][1] * mixed + curvature[1][2] * second,
+        curvature[2][0] * first + curvature[2][1] * mixed + curvature[2][2] * second,
+        curvature[3][0] * first + curvature[3][1] * mixed + curvature[3][2] * second,
     )
 
 

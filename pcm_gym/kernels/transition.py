@@ -34,19 +34,20 @@ from pcm_gym.kernels.continuation import (
     track_in_one_step,
 )
 from pcm_gym.kernels.instability import CONTINUE, HOLD, TERMINATE, advance, is_instability
-from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, step_block
+from pcm_gym.kernels.lanes import LANES, Block, make_block, residual, rest_block, step_block
 from pcm_gym.kernels.lanes_margin import set_margins
 from pcm_gym.kernels.margin import singularity_margin
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # Loads are shown to agents as g / (_LOAD_SCALE + |g|), stiffnesses and distances from a fold likewise: smooth, bounded.
 _LOAD_SCALE = 10.0
 _STIFFNESS_SCALE = 20.0
 _DISTANCE_SCALE = 0.1
 
-# A step of a walk that is refused is halved, down to this part of it, before it is tracked alone.
+# A step that is refused is halved, down to this part of it, before it is tracked alone.
 _LEAST_PART = 0.25
 
 # Rows of the verdicts on states, one column per environment.
@@ -93,9 +94,8 @@ def step_batch(
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
     which others are stepped with it.
     """
-    block, target = make_block(legs.shape[0]), np.empty(legs.shape[0])
-    seen, is_cut = np.empty((report.features.shape[1], LANES)), np.empty(LANES, np.bool_)
-    refused, refused_count = np.empty(rows.shape[0], np.int64), 0
+    block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), _make_seen(report)
+    is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -103,8 +103,7 @@ def step_batch(
             is_cut[lane] = _set_target(legs, states.inputs[row], actions[row], stride, target)
             load_lane(states, row, target, block, lane)
         computed = step_block(legs, block, count, states.load.shape[1])
-        set_margins(legs, block, computed, states.load.shape[1])
-        _see_block(legs, block, count, states.load.shape[1], seen)
+        _see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
             if block.common[lanes.IS_SOUND + lane] == 0.0:
@@ -112,12 +111,75 @@ def step_batch(
                 refused_count += 1
                 continue
             _store_lane(states, row, block, lane)
-            for n in range(seen.shape[0]):
-                report.features[row, n] = seen[n, lane]
-            margin = block.common[lanes.SINGULARITY_MARGIN + lane]
-            _report(row, _verdict(block.common, lane), margin, is_cut[lane], behaviour, singular_margin, report)
+            _report_lane(row, block, lane, seen, is_cut[lane], behaviour, singular_margin, report)
     if refused_count > 0:
-        step_alone(legs, states, refused[:refused_count], actions, stride, behaviour, singular_margin, report)
+        _step_refused(legs, states, refused[:refused_count], actions, stride, behaviour, singular_margin, report, block)
+
+
+@kernel
+def _step_refused(
+    legs: Array,
+    states: States,
+    rows: Rows,
+    actions: Array,
+    stride: Array,
+    behaviour: int,
+    singular_margin: float,
+    report: Report,
+    block: Block,
+) -> None:
+    """Do what `step_batch` does in rows whose step over the whole way is refused: by parts of it, or else alone."""
+    count = rows.shape[0]
+    targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
+    for k in range(count):
+        is_cut[k] = _set_target(legs, states.inputs[rows[k]], actions[rows[k]], stride, targets[k])
+    has_arrived = _step_in_parts(legs, states, rows, targets, block)
+    _tell(legs, states, rows[has_arrived], is_cut[has_arrived], behaviour, singular_margin, report, block)
+    step_alone(legs, states, rows[~has_arrived], actions, stride, behaviour, singular_margin, report)
+
+
+@kernel
+def _step_in_parts(legs: Array, states: States, rows: Rows, targets: Array, block: Block) -> Mask:
+    """Move rows to the inputs `targets` (m, legs), one each, in lock-step but by parts of the way, halved and doubled.
+
+    Parts are chosen as `track` chooses them, down to `_LEAST_PART`. Return which rows have arrived; the others are as
+    they were.
+    """
+    count = rows.shape[0]
+    own = States(states.x[rows], states.inputs[rows], states.load[rows])
+    goal, done, part = np.empty(legs.shape[0]), np.zeros(count), np.full(count, 0.5)
+    going, going_count = np.arange(count), count
+    while going_count > 0:
+        left = 0
+        for first in range(0, going_count, LANES):
+            here = min(LANES, going_count - first)
+            for lane in range(here):
+                k = going[first + lane]
+                _set_way_point(states.inputs[rows[k]], targets[k], done[k] + part[k], goal)
+                load_lane(own, k, goal, block, lane)
+            step_block(legs, block, here, states.load.shape[1])
+            for lane in range(here):
+                k = going[first + lane]
+                if block.common[lanes.IS_SOUND + lane] == 0.0:
+                    part[k] *= 0.5
+                else:
+                    _store_lane(own, k, block, lane)
+                    done[k] += part[k]
+                    part[k] = min(2.0 * part[k], 1.0 - done[k])
+                if done[k] < 1.0 and part[k] >= _LEAST_PART:
+                    going[left] = k
+                    left += 1
+        going_count = left
+    for k in range(count):
+        if done[k] == 1.0:
+            states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
+    return done == 1.0
+
+
+@kernel
+def _set_way_point(start: Array, target: Array, fraction: float, point: Array) -> None:
+    for i in range(start.shape[0]):
+        point[i] = target[i] if fraction == 1.0 else start[i] + fraction * (target[i] - start[i])
 
 
 @kernel
@@ -152,15 +214,44 @@ def step_alone(
 @kernel
 def describe_batch(legs: Array, states: States, rows: Rows, report: Report) -> None:
     """Fill `report` in some rows, for states at rest: no costs, no event."""
-    work = make_workspace(legs.shape[0], states.x.shape[1])
+    is_cut = np.zeros(rows.shape[0], np.bool_)
+    _tell(legs, states, rows, is_cut, TERMINATE, 0.0, report, make_block(legs.shape[0]))
     for row in rows:
-        x, inputs = states.x[row], states.inputs[row]
-        set_inputs(legs, inputs, work)
-        evaluate_rods(legs, x, work)
-        tracked = judge(legs, x, states.load[row], NONE, 0.0, work)
-        set_features(legs, x, inputs, work, report.features[row])
-        _report(row, tracked, singularity_margin(legs, x, work), False, TERMINATE, 0.0, report)
         report.costs[:, row] = 0.0
+
+
+@kernel
+def _tell(
+    legs: Array,
+    states: States,
+    rows: Rows,
+    is_cut: Mask,
+    behaviour: int,
+    singular_margin: float,
+    report: Report,
+    block: Block,
+) -> None:
+    """Fill `report` in rows that have gone the whole way to where they are."""
+    seen, work = _make_seen(report), make_workspace(legs.shape[0], states.x.shape[1])
+    for first in range(0, rows.shape[0], LANES):
+        count = min(LANES, rows.shape[0] - first)
+        for lane in range(count):
+            row = rows[first + lane]
+            load_lane(states, row, states.inputs[row], block, lane)
+        computed = rest_block(legs, block, count, states.load.shape[1])
+        _see_block(legs, block, count, computed, states.load.shape[1], seen)
+        for lane in range(count):
+            row, is_here_cut = rows[first + lane], is_cut[first + lane]
+            if block.common[lanes.IS_SOUND + lane] == 0.0:
+                x, inputs = states.x[row], states.inputs[row]
+                set_inputs(legs, inputs, work)
+                evaluate_rods(legs, x, work)
+                tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
+                set_features(legs, x, inputs, work, report.features[row])
+                margin = singularity_margin(legs, x, work)
+                _report(row, tracked, margin, is_here_cut, behaviour, singular_margin, report)
+            else:
+                _report_lane(row, block, lane, seen, is_here_cut, behaviour, singular_margin, report)
 
 
 @kernel
@@ -208,6 +299,30 @@ def _verdict(common: Array, lane: int) -> Tracked:
         common[lanes.STABILITY_MARGIN + lane],
         residual(common, lane),
     )
+
+
+@kernel
+def _make_seen(report: Report) -> Array:
+    """Return an array for the features of a block, (m, lanes)."""
+    return np.empty((report.features.shape[1], LANES))
+
+
+@kernel
+def _report_lane(
+    row: int,
+    block: Block,
+    lane: int,
+    seen: Array,
+    is_cut: bool,
+    behaviour: int,
+    singular_margin: float,
+    report: Report,
+) -> None:
+    """Fill `report` in the row of a lane that has gone the whole way, with what is seen of its block."""
+    for n in range(seen.shape[0]):
+        report.features[row, n] = seen[n, lane]
+    margin = block.common[lanes.SINGULARITY_MARGIN + lane]
+    _report(row, _verdict(block.common, lane), margin, is_cut, behaviour, singular_margin, report)
 
 
 @kernel
@@ -272,8 +387,9 @@ def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Arr
 
 
 @kernel
-def _see_block(legs: Array, block: Block, count: int, dof: int, out: Array) -> None:
-    """Fill `out` (m, lanes) as `set_features` does."""
+def _see_block(legs: Array, block: Block, count: int, computed: int, dof: int, out: Array) -> None:
+    """Fill the margins of lanes that are evaluated and judged, and `out` (m, lanes) as `set_features` does."""
+    set_margins(legs, block, computed, dof)
     common, n = block.common, 2
     out[0], out[1] = common[lanes.X : lanes.X + LANES], common[lanes.Y : lanes.Y + LANES]
     if dof == 3:

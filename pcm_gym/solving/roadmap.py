@@ -96,6 +96,12 @@ class Roadmap:
         units = self.mechanism.units
         return kernels.pose_densities(self.mechanism.leg_table, self.states, self.inputs / units.inputs)
 
+    @cached_property
+    def pose_density_sums(self) -> Array:
+        """Sums of the pose densities up to each node, (n,)."""
+        sums: Array = np.cumsum(self.pose_densities)
+        return sums
+
     def step_counts(
         self, nodes: Sequence[int] | Integers, falls: Integers | None = None, most: float = np.inf
     ) -> tuple[Array, Array]:

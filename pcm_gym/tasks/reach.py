@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pcm_gym.kernels.roadmap import stay_stable
 from pcm_gym.kernels.transition import States
 from pcm_gym.mechanism.validation import one_of
-from pcm_gym.tasks.scene import Scene, nodes_by_weight
+from pcm_gym.tasks.scene import Scene, nodes_by_sums
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
 Array = NDArray[np.float64]
@@ -107,14 +107,13 @@ def detours(scene: Scene) -> Integers:
         If none is found.
     """
     roadmap, numbers = scene.roadmap, np.random.default_rng(0)
+    densities = roadmap.pose_densities
     starts = np.array(roadmap.seeds)
     if scene.origin is None:
-        starts = nodes_by_weight(roadmap.pose_densities, numbers.random(_DETOUR_STARTS))
+        starts = nodes_by_sums(roadmap.pose_density_sums, numbers.random(_DETOUR_STARTS))
     count = _DETOUR_STARTS * _DETOUR_GOALS // len(starts)
     steps, _ = roadmap.step_counts(starts, most=_LONGEST_DETOUR / scene.steps_per_way)
-    goals = np.stack(
-        [nodes_by_weight(roadmap.pose_densities * np.isfinite(row), numbers.random(count)) for row in steps]
-    )
+    goals = np.stack([nodes_by_sums(np.cumsum(densities * np.isfinite(row)), numbers.random(count)) for row in steps])
     pairs = np.column_stack([np.repeat(starts, count), goals.ravel()])
     targets = scene.at_nodes(pairs[:, 1]).inputs
     found = pairs[~stay_stable(scene.mechanism.leg_table, scene.at_nodes(pairs[:, 0]), targets)]

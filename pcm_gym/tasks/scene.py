@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,7 +53,7 @@ class Scene:
         """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
         return _RESERVE * self.margin
 
-    @property
+    @cached_property
     def pitch(self) -> tuple[float, ...]:
         """Steps between the nodes of the roadmap, dimensionless: the agent's steps, or larger ones."""
         units = self.mechanism.units.inputs
@@ -84,7 +84,7 @@ class Scene:
     def starts(self, numbers: Array, threads: int) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
         roadmap = self.roadmap
-        return self.beside(nodes_by_weight(roadmap.pose_densities, numbers[:, 0]), numbers[:, 1:], threads)
+        return self.beside(nodes_by_sums(roadmap.pose_density_sums, numbers[:, 0]), numbers[:, 1:], threads)
 
     def beside(self, nodes: Integers, numbers: Array, threads: int) -> States:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
@@ -129,11 +129,10 @@ class Scene:
         run_all(pieces_of(part, len(steps), threads), threads)
 
 
-def nodes_by_weight(weights: Array, numbers: Array) -> Integers:
-    """Return an index for each of the `numbers` from [0, 1), drawn in proportion to the weights."""
-    sums = np.cumsum(weights)
+def nodes_by_sums(sums: Array, numbers: Array) -> Integers:
+    """Return an index for each of the `numbers` from [0, 1), drawn in proportion to weights with these running sums."""
     chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
-    return np.minimum(chosen, len(weights) - 1)
+    return np.minimum(chosen, len(sums) - 1)
 
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:

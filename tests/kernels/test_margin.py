@@ -8,7 +8,7 @@ import pcm_gym
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.margin import STIFF
-from pcm_gym.kernels.rod import rod, rod_bend, rod_in_lanes
+from pcm_gym.kernels.rod import bend, rod, rod_curvature, rod_in_lanes
 from pcm_gym.kernels.transition import EVENT, RESIDUAL, SINGULARITY_MARGIN
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium, solve_forward
 
@@ -60,9 +60,10 @@ def test_margin_of_unstable_states_is_that_of_the_tracked_stiffness() -> None:
 def bends_in_lanes(g: np.ndarray, steps: np.ndarray, out: np.ndarray) -> None:
     for n in range(len(g)):
         _, functions, _ = rod_in_lanes(g[n, 0], g[n, 1])
-        bend = rod_bend(g[n, 0], g[n, 1], functions, steps[n, 0], steps[n, 1])
+        curvature = rod_curvature(g[n, 0], g[n, 1], functions)
+        bends = bend(g[n, 0], g[n, 1], curvature, steps[n, 0], steps[n, 1])
         for k in range(4):
-            out[n, k] = bend[k]
+            out[n, k] = bends[k]
 
 
 def test_bend_of_a_rod_is_the_second_difference_along_its_path() -> None:
