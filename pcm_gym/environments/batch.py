@@ -71,7 +71,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
         )
         self._pictures = Pictures(settings, render_ghosts, render_workspace)
-        self._sources: list[tuple[np.random.Generator, int]] = [seeding.np_random(None) for _ in range(num_envs)]
+        sources = [seeding.np_random(None) for _ in range(num_envs)]
+        self._generators = [generator for generator, _ in sources]
+        self._generator_seeds = [seed for _, seed in sources]
         self._ended = np.zeros(num_envs, dtype=np.bool_)
         self._is_reset = False
         self._kept: Observation = {}
@@ -85,11 +87,11 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._is_reset = True
         for row, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None and mask[row]:
-                self._sources[row] = seeding.np_random(own_seed)
+                self._generators[row], self._generator_seeds[row] = seeding.np_random(own_seed)
         self._begin(mask, options)
         # the others must not draw any noise
         generators = [
-            own if begun else np.random.default_rng(0) for own, begun in zip(self.np_random, mask, strict=True)
+            own if begun else np.random.default_rng(0) for own, begun in zip(self._generators, mask, strict=True)
         ]
         outcome = self._simulation.observe(np.arange(self.num_envs), generators)
         for key, array in self._kept.items():  # what stands still looks as it did, to the last bit
@@ -109,7 +111,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise gymnasium.error.ResetNeeded(
                 f"environments {np.flatnonzero(waiting).tolist()} have ended: reset them with options['reset_mask']"
             )
-        outcome = self._simulation.step(values, self.np_random)
+        outcome = self._simulation.step(values, self._generators)
         truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
         infos = _with_masks(outcome.infos())
@@ -125,12 +127,12 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     @property  # type: ignore[misc]  # as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The environments' sources of chance."""
-        return tuple(generator for generator, _ in self._sources)
+        return tuple(self._generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as in SyncVectorEnv
         """The seeds of the environments' sources of chance."""
-        return tuple(seed for _, seed in self._sources)
+        return tuple(self._generator_seeds)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of every environment, (height, width, 3) each; None without `render_mode`.
@@ -147,7 +149,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return copy.deepcopy(
             {
                 "rows": self._simulation.rows._asdict(),
-                "sources": [(generator.bit_generator.state, seed) for generator, seed in self._sources],
+                "generators": [generator.bit_generator.state for generator in self._generators],
+                "generator_seeds": self._generator_seeds,
                 "ended": self._ended,
                 "is_reset": self._is_reset,
                 "kept": self._kept,
@@ -158,9 +161,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Go back to what `save_state` returned, here or in another batch made with the same arguments."""
         for name, array in self._simulation.rows._asdict().items():
             array[:] = state["rows"][name]
-        for row, (bits, seed) in enumerate(state["sources"]):
-            self._sources[row] = (self._sources[row][0], seed)
-            self._sources[row][0].bit_generator.state = bits
+        for generator, bits in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = bits
+        self._generator_seeds = list(state["generator_seeds"])
         self._ended, self._is_reset = state["ended"].copy(), state["is_reset"]
         self._kept = copy.deepcopy(state["kept"])
 
@@ -171,7 +174,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self, actions: NDArray[np.float64], waiting: Mask
     ) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Begin the waiting environments, whose actions are ignored, and step the others."""
-        outcome = self._simulation.step_and_reset(actions, waiting, self.np_random)
+        outcome = self._simulation.step_and_reset(actions, waiting, self._generators)
         truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
         return outcome.observation, outcome.reward, outcome.terminated, truncated, _with_masks(outcome.infos())
@@ -184,7 +187,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             final_observations[row] = {key: array[row].copy() for key, array in observation.items()}
         final_infos = {key: values.copy() for key, values in infos.items() if not key.startswith("_")}
         self._begin(ended, {})
-        begun = self._simulation.observe(rows, self.np_random)
+        begun = self._simulation.observe(rows, self._generators)
         for key, values in begun.infos().items():
             infos[key][rows] = values
         for key, array in begun.observation.items():
@@ -199,7 +202,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
         rows = np.flatnonzero(mask)
-        self._simulation.reset_rows(rows, [self._sources[row][0] for row in rows.tolist()], options)
+        self._simulation.reset_rows(rows, [self._generators[row] for row in rows.tolist()], options)
         self._ended[mask] = False
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.compilation import kernel
+from pcm_gym.kernels.compilation import formula, kernel
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,7 +32,7 @@ class Scale(NamedTuple):
     is_sparse: bool  # which reward
 
 
-@kernel
+@formula
 def _reward(distance: float, scale: Scale) -> float:
     """Return the reward at a distance: 1 or 0, or the mean of a far and a near term, each 1 at the goal."""
     if scale.is_sparse:
@@ -40,11 +40,11 @@ def _reward(distance: float, scale: Scale) -> float:
     return 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
 
 
-@kernel
-def _distance(achieved: Array, desired: Array, weights: Array) -> float:
+@formula
+def _distance(achieved: Array, desired: Array, row: int, weights: Array) -> float:
     squared = 0.0
-    for j in range(achieved.shape[0]):
-        difference = achieved[j] - desired[j]
+    for j in range(achieved.shape[1]):
+        difference = achieved[row, j] - desired[row, j]
         squared += weights[j] * difference * difference
     return math.sqrt(squared)
 
@@ -55,7 +55,7 @@ def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, A
     count = achieved.shape[0]
     rewards, distances = np.empty(count), np.empty(count)
     for row in range(count):
-        distances[row] = _distance(achieved[row], desired[row], scale.weights)
+        distances[row] = _distance(achieved, desired, row, scale.weights)
         rewards[row] = _reward(distances[row], scale)
     return rewards, distances
 
@@ -77,7 +77,7 @@ def pursue(
         phase = pursuit.elapsed[row] % period if period > 1 else 0
         for j in range(desired.shape[1]):
             desired[k, j] = pursuit.goals[row, phase, j]
-        distance = _distance(achieved[k], desired[k], scale.weights)
+        distance = _distance(achieved, desired, k, scale.weights)
         rewards[k] = _reward(distance, scale)
         if has_stepped[k]:
             pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_unstable[k] else 0
