@@ -173,7 +173,8 @@ def _step_in_parts(legs: Array, states: States, rows: Rows, targets: Array, bloc
     for k in range(count):
         if done[k] == 1.0:
             states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
-    return done == 1.0
+    has_arrived: Mask = done == 1.0
+    return has_arrived
 
 
 @kernel
