@@ -26,19 +26,15 @@ class Recorder:
     """Keeps one frame per step of every episode it is shown."""
 
     frames: dict[int, list[Json]] = field(default_factory=dict)
-    goals: dict[int, Json] = field(default_factory=dict)
 
     def __call__(self, episode: RunningEpisode) -> None:
         """Record the present state of the episode."""
         env: Any = episode.env.unwrapped
-        hinges = hinges_at(env.mechanism, env.goal)
-        self.goals[episode.seed] = {"goal": _whole(env.goal[:2]), "goal_hinges": _whole(hinges)}
-        self.frames.setdefault(episode.seed, []).append(_frame(episode, env.equilibrium))
+        self.frames.setdefault(episode.seed, []).append(_frame(episode, env.equilibrium, env.goal))
 
     def recording(self, result: EpisodeResult) -> Json:
         """What the player needs of a finished episode."""
-        known = {"seed": result.seed, "outcome": outcome(result), "frames": self.frames[result.seed]}
-        return known | self.goals[result.seed]
+        return {"seed": result.seed, "outcome": outcome(result), "frames": self.frames[result.seed]}
 
 
 def record(evaluation: Evaluation, trained: TrainedController, envs: Sequence[SingleEnv]) -> Json:
@@ -89,26 +85,19 @@ def _recordings(controller: Controller, seeds: Sequence[int], envs: Sequence[Sin
     return [{"policy": controller.name} | recorder.recording(result) for result in results]
 
 
-def _frame(episode: RunningEpisode, equilibrium: pcm_gym.Equilibrium) -> Json:
+def _frame(episode: RunningEpisode, equilibrium: pcm_gym.Equilibrium, goal: NDArray[np.float64]) -> Json:
     info = episode.infos[-1] if episode.infos else {}
     is_unstable = not equilibrium.is_stable or info.get("cost_unstable", 0.0) > 0.0
     return {
         "rods": [_whole(rod.ravel()) for rod in equilibrium.shape(ROD_POINTS)],
         "tip": _whole(equilibrium.pose[:2]),
+        "goal": _whole(goal[:2]),
+        "goal_hinges": _whole(equilibrium.mechanism.hinges(goal)),
         "error": round(episode.position_error(), 5),
         "margin": _rounded(info.get("stability_margin")),
         "event": str(info.get("event", "none")).replace("_", " "),
         "unstable": bool(is_unstable),
     }
-
-
-def hinges_at(mechanism: pcm_gym.Mechanism, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """World positions (legs, 2) of the hinges when the end-effector is at `pose` = (x, y) or (x, y, phi)."""
-    attachments = np.array([leg.attachment for leg in mechanism.legs], dtype=np.float64)
-    angle = pose[2] if pose.size > 2 else 0.0
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    hinges: NDArray[np.float64] = pose[:2] + attachments @ rotation.T
-    return hinges
 
 
 def _actuator(actuator: pcm_gym.Revolute | pcm_gym.Prismatic) -> Json:

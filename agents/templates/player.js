@@ -26,12 +26,12 @@
       box.yMax = Math.max(box.yMax, y);
     };
     for (const actuator of data.actuators) (actuator.rail || [actuator.base]).forEach(([x, y]) => include(x, y));
-    for (const { goal, frames } of data.episodes) {
-      include(goal[0] - successRadius, goal[1] - successRadius);
-      include(goal[0] + successRadius, goal[1] + successRadius);
-      for (const { rods } of frames)
+    for (const { frames } of data.episodes)
+      for (const { goal, rods } of frames) {
+        include(goal[0] - successRadius, goal[1] - successRadius);
+        include(goal[0] + successRadius, goal[1] + successRadius);
         for (const rod of rods) for (let i = 0; i < rod.length; i += 2) include(rod[i], rod[i + 1]);
-    }
+      }
     const margin = VIEW_MARGIN * Math.max(box.xMax - box.xMin, box.yMax - box.yMin);
     return { xMin: box.xMin - margin, xMax: box.xMax + margin, yMin: box.yMin - margin, yMax: box.yMax + margin };
   })();
@@ -88,7 +88,7 @@
   }
 
   function drawGoal(context, { scale, at }) {
-    const [x, y] = at(...episode().goal);
+    const [x, y] = at(...frame().goal);
     const radius = Math.max(successRadius * scale, 3);
     context.fillStyle = "rgba(4, 120, 87, 0.18)";
     context.strokeStyle = "#047857";
@@ -103,9 +103,9 @@
       context.lineTo(x + dx * (radius + 8), y + dy * (radius + 8));
     }
     context.stroke();
-    if (episode().goal_hinges.length > 2) {
+    if (frame().goal_hinges.length > 2) {
       context.setLineDash([4, 4]);
-      tracePoints(context, at, episode().goal_hinges);
+      tracePoints(context, at, frame().goal_hinges);
       context.closePath();
       context.stroke();
       context.setLineDash([]);

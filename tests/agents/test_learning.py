@@ -106,11 +106,11 @@ def test_loaded_learner_acts_as_the_saved_one(tmp_path: Path, algorithm: str) ->
 
 
 def test_hindsight_learns_from_rewards_that_the_batch_recomputes(tmp_path: Path) -> None:
-    hyperparameters = SMALL_NETWORK | {"learning_starts": 300, "batch_size": 16, "buffer_size": 2_000}
+    hyperparameters = SMALL_NETWORK | {"learning_starts": 500, "batch_size": 16, "buffer_size": 2_000}
     environment = {"id": "PCM/2RFR-Reach-v0", "kwargs": {"reward_type": "sparse"}}
     config = experiment(algorithm="SAC", hyperparameters=hyperparameters, environment=environment, hindsight={})
     learner = new_learner(config)
-    learner.learn(600)
+    learner.learn(800)
     sampled = learner.replay_buffer.sample(64)  # type: ignore[attr-defined]
     assert np.isfinite(sampled.rewards.numpy()).all()
 

@@ -28,8 +28,8 @@ from docs.environments.page import (
 )
 from docs.environments.picture import picture
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.settings import BEHAVIOURS
 from pcm_gym.environments.openings import RESET_OPTIONS
+from pcm_gym.environments.settings import BEHAVIOURS
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.tasks import TASKS
 
