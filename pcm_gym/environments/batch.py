@@ -235,9 +235,10 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 def _with_masks(infos: dict[str, Any], mask: Mask | None = None) -> dict[str, Any]:
     """Return the infos with their masks, and neutral values in the rows outside `mask`."""
     result: dict[str, Any] = {}
-    for key, values in infos.items():
+    masks = np.empty((len(infos), len(next(iter(infos.values())))), dtype=np.bool_)  # one array costs less than many
+    masks[:] = True if mask is None else mask
+    for (key, values), own in zip(infos.items(), masks, strict=True):
         if mask is not None and not mask.all():
             values[~mask] = None if values.dtype == object else 0
-        result[key] = values
-        result[f"_{key}"] = np.ones(len(values), dtype=np.bool_) if mask is None else mask.copy()
+        result[key], result[f"_{key}"] = values, own
     return result

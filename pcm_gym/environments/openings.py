@@ -63,9 +63,11 @@ def open_episodes(
         one_of("options key", name, RESET_OPTIONS)
     goal = _goal_from(settings, options["goal"]) if "goal" in options else None
     numbers = _scene_numbers(settings, scenes, generators, options)
-    for number in np.unique(numbers).tolist():
+    for number, nominal in enumerate(scenes):
         members = np.flatnonzero(numbers == number)
-        scene = _scene_for(scenes[number], options)
+        if not len(members):
+            continue
+        scene = _scene_for(nominal, options)
         own = [generators[member] for member in members.tolist()]
         states, goals, witness = _drawn(settings, scene, own, threads)
         if goal is not None:

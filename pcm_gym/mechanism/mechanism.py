@@ -189,6 +189,14 @@ class Mechanism:
         hinges: NDArray[np.float64] = pose[:2] + np.array([leg.attachment for leg in self.legs]) @ turn.T
         return hinges
 
+    def __hash__(self) -> int:
+        """Return the hash of what makes mechanisms equal, worked out once: what is known of one is looked up often."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.name, self.legs, self.home_inputs, self.home_pose, self.reference))
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the data alone; what is derived is made again."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}

@@ -96,7 +96,8 @@ class Scene:
     def at_nodes(self, nodes: Integers) -> States:
         """Return the states of nodes (n,) of the roadmap."""
         roadmap, units = self.roadmap, self.mechanism.units
-        load = np.tile(np.array(self.load) / units.load, (len(nodes), 1))
+        load = np.empty((len(nodes), self.mechanism.dof))
+        load[:] = np.array(self.load) / units.load
         return States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
 
     def at_equilibrium(self, equilibrium: Equilibrium, count: int) -> States:
@@ -111,13 +112,18 @@ class Scene:
         `numbers` from [0, 1), (n, 1 + legs), decide how many steps of `steps_range` and where to. A walk ends before
         the first step that would lose stability or come under the reserve.
         """
-        mechanism, stride = self.mechanism, np.array(self.stride)
-        lower, upper = mechanism.lower_limits / mechanism.units.inputs, mechanism.upper_limits / mechanism.units.inputs
-        edge = np.minimum(_LIMIT_RESERVE * stride, 0.25 * (upper - lower))
-        targets = lower + edge + numbers[:, 1:] * (upper - lower - 2.0 * edge)
+        lowest, span = self._walked_range
         least, most = steps_range
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
-        self._wander(states, targets, stride, steps, threads)
+        self._wander(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
+
+    @cached_property
+    def _walked_range(self) -> tuple[Array, Array]:
+        """Lowest target of walks, and how far above it the highest one is, dimensionless, (legs,) each."""
+        mechanism, units = self.mechanism, self.mechanism.units.inputs
+        lower, upper = mechanism.lower_limits / units, mechanism.upper_limits / units
+        edge = np.minimum(_LIMIT_RESERVE * np.array(self.stride), 0.25 * (upper - lower))
+        return lower + edge, upper - lower - 2.0 * edge
 
     def _wander(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
         legs, reserve = self.mechanism.leg_table, self.reserve
