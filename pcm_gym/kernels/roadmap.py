@@ -16,7 +16,7 @@ from pcm_gym.kernels.compilation import kernel
 from pcm_gym.kernels.continuation import NONE, Line, make_line, track
 from pcm_gym.kernels.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.flood import are_same
-from pcm_gym.kernels.instability import SNAP, advance, is_instability
+from pcm_gym.kernels.instability import advance, is_instability
 from pcm_gym.kernels.lanes import LANES, Block, make_block, step_block
 from pcm_gym.kernels.lanes_margin import set_margins
 from pcm_gym.kernels.linear import determinant
@@ -244,26 +244,16 @@ def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
 
 
 @kernel
-def stay_stable(legs: Array, states: States, targets: Array) -> Mask:
-    """Return for which rows the straight way of the inputs to `targets` (n, legs) arrives without losing stability."""
+def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tuple[Mask, Mask]:
+    """Move states to inputs (n, legs), in place, with a behaviour of `instability` where stability is lost.
+
+    Returns which rows get there and are stable, and which lose stability on the way.
+    """
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
-    arrives = np.zeros(count, np.bool_)
+    has_arrived, was_lost = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for n in range(count):
-        x, inputs, load = states.x[n].copy(), states.inputs[n].copy(), states.load[n]
-        tracked = track(legs, x, inputs, load.copy(), targets[n], load, False, line, work)
-        arrives[n] = tracked.event == NONE and tracked.morse_index == 0
-    return arrives
-
-
-@kernel
-def go_falling(legs: Array, states: States, targets: Array) -> Mask:
-    """Move states to inputs (n, legs), in place, falling where stability is lost; return which fell and got there."""
-    count, leg_count = targets.shape
-    line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
-    has_fallen = np.zeros(count, np.bool_)
-    for n in range(count):
-        tracked = advance(legs, states.x[n], states.inputs[n], states.load[n], targets[n], SNAP, line, work)
-        is_there = tracked.fraction == 1.0 and tracked.morse_index == 0
-        has_fallen[n] = is_instability(tracked.event) and is_there
-    return has_fallen
+        tracked = advance(legs, states.x[n], states.inputs[n], states.load[n], targets[n], behaviour, line, work)
+        has_arrived[n] = tracked.fraction == 1.0 and tracked.morse_index == 0
+        was_lost[n] = is_instability(tracked.event)
+    return has_arrived, was_lost

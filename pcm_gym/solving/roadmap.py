@@ -12,6 +12,7 @@ from scipy.sparse import csgraph
 
 from pcm_gym.kernels import roadmap as kernels
 from pcm_gym.kernels.flood import are_same
+from pcm_gym.kernels.instability import SNAP
 from pcm_gym.kernels.rasters import NOWHERE, Rasters
 from pcm_gym.kernels.transition import States
 from pcm_gym.mechanism import Mechanism
@@ -203,7 +204,7 @@ def build_roadmap(
         nodes.states.inputs[:count] * units.inputs,
         nodes.cell[:count].copy(),
         nodes.ways[:count].copy(),
-        tuple(node if node != NOWHERE else -1 for node in planted),
+        tuple(planted),
     )
 
 
@@ -246,8 +247,8 @@ def _fallen(roadmap: Roadmap, nodes: Integers, targets: Array) -> tuple[Array, N
     units = roadmap.mechanism.units
     load = np.tile(roadmap.load / units.load, (len(nodes), 1))
     states = States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
-    fell = kernels.go_falling(roadmap.mechanism.leg_table, states, targets)
-    return states.x, fell
+    has_arrived, was_lost = kernels.move_rows(roadmap.mechanism.leg_table, states, targets, SNAP)
+    return states.x, has_arrived & was_lost
 
 
 def _node_with(roadmap: Roadmap, cell: int, x: Array) -> int:

@@ -7,7 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.roadmap import stay_stable
+from pcm_gym.kernels.instability import TERMINATE
+from pcm_gym.kernels.roadmap import move_rows
 from pcm_gym.kernels.transition import States
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.tasks.scene import Scene, nodes_by_sums
@@ -115,8 +116,9 @@ def detours(scene: Scene) -> Integers:
     steps, _ = roadmap.step_counts(starts, most=_LONGEST_DETOUR / scene.steps_per_way)
     goals = np.stack([nodes_by_sums(np.cumsum(densities * np.isfinite(row)), numbers.random(count)) for row in steps])
     pairs = np.column_stack([np.repeat(starts, count), goals.ravel()])
-    targets = scene.at_nodes(pairs[:, 1]).inputs
-    found = pairs[~stay_stable(scene.mechanism.leg_table, scene.at_nodes(pairs[:, 0]), targets)]
+    moved, targets = scene.at_nodes(pairs[:, 0]), scene.at_nodes(pairs[:, 1]).inputs
+    has_arrived, was_lost = move_rows(scene.mechanism.leg_table, moved, targets, TERMINATE)
+    found = pairs[was_lost | ~has_arrived]
     if not len(found):
         raise ValueError(
             f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: "

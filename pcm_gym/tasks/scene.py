@@ -95,10 +95,14 @@ class Scene:
 
     def at_nodes(self, nodes: Integers) -> States:
         """Return the states of nodes (n,) of the roadmap."""
-        roadmap, units = self.roadmap, self.mechanism.units
-        load = np.empty((len(nodes), self.mechanism.dof))
-        load[:] = np.array(self.load) / units.load
-        return States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
+        roadmap = self.roadmap
+        return self.states(roadmap.states[nodes], roadmap.inputs[nodes] / self.mechanism.units.inputs)
+
+    def states(self, x: Array, inputs: Array) -> States:
+        """Return states (n, 2 legs + d) at inputs (n, legs), both dimensionless, with the scene's load."""
+        load = np.empty((len(x), self.mechanism.dof))
+        load[:] = np.array(self.load) / self.mechanism.units.load
+        return States(x, inputs, load)
 
     def at_equilibrium(self, equilibrium: Equilibrium, count: int) -> States:
         """Return `count` copies of an equilibrium."""

@@ -7,7 +7,6 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.transition import States
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
 from pcm_gym.tasks.scene import Scene
@@ -61,9 +60,7 @@ class Switch(Task):
         if not len(apart):
             raise ValueError(f"success_distance must be less than {self.goals.success_distance}: all goals are reached")
         chosen = apart[(draw(generators, 1)[:, 0] * len(apart)).astype(np.int64)]
-        load = np.tile(np.array(scene.load) / scene.mechanism.units.load, (len(chosen), 1))
-        inputs = ends.inputs[chosen]
-        start, goal = (States(x[chosen], inputs, load) for x in (ends.start_x, ends.goal_x))
+        start, goal = (scene.states(x[chosen], ends.inputs[chosen]) for x in (ends.start_x, ends.goal_x))
         return Episodes(start, there[chosen][:, None], goal)
 
 

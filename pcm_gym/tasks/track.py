@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.kernels.goals import poses_seen
 from pcm_gym.kernels.paths import follow_path
 from pcm_gym.kernels.threads import default_thread_count, run_all
 from pcm_gym.kernels.transition import States
@@ -75,11 +76,8 @@ class Track(Task):
             first = (numbers[:, 1] * _PERIOD).astype(np.int64)
         sense = np.where(numbers[:, 2] < 0.5, -1, 1)
         order = (first[:, None] + sense[:, None] * np.arange(_PERIOD)) % _PERIOD
-        x, inputs = library.x[chosen, first], library.inputs[chosen, first]
-        load = np.tile(np.array(scene.load) / scene.mechanism.units.load, (len(chosen), 1))
-        goals = self.goals.of_states(library.x.reshape(-1, x.shape[1]), library.inputs.reshape(-1, inputs.shape[1]))
-        goals = goals.reshape(len(library.x), _PERIOD, -1)
-        return Episodes(States(x, inputs, load), goals[chosen[:, None], order], States(x, inputs, load))
+        start = scene.states(library.x[chosen, first], library.inputs[chosen, first])
+        return Episodes(start, library.goals[chosen[:, None], order], start)
 
 
 class Paths(NamedTuple):
@@ -87,6 +85,7 @@ class Paths(NamedTuple):
 
     x: Array  # (n, period, size)
     inputs: Array  # (n, period, legs)
+    goals: Array  # (n, period, g)
 
 
 @lru_cache(maxsize=64)
@@ -101,7 +100,9 @@ def paths(scene: Scene, shapes: tuple[str, ...]) -> Paths:
     found = [path for shape in shapes for path in _paths_of(scene, shape)]
     if not found:
         raise ValueError(f"mechanism {scene.mechanism.name!r} has no path that the agent's steps can follow")
-    return Paths(np.stack([x for x, _ in found]), np.stack([inputs for _, inputs in found]))
+    x, inputs = np.stack([x for x, _ in found]), np.stack([inputs for _, inputs in found])
+    goals = poses_seen(x.reshape(-1, x.shape[2]), scene.mechanism.leg_count).reshape(len(x), _PERIOD, -1)
+    return Paths(x, inputs, goals)
 
 
 def _paths_of(scene: Scene, shape: str) -> list[tuple[Array, Array]]:
