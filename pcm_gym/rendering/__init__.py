@@ -1,6 +1,6 @@
 """Pictures of equilibria: polylines, then frames (needs Pillow, the extra ``render``)."""
 
-from pcm_gym.rendering.batches import draw_frames, tile_frames
+from pcm_gym.rendering.batches import tile_frames
 from pcm_gym.rendering.camera import Camera
 from pcm_gym.rendering.frame import FrameRenderer
 from pcm_gym.rendering.polylines import Polylines, equilibrium_polylines
@@ -11,7 +11,6 @@ __all__ = [
     "FrameRenderer",
     "Polylines",
     "Style",
-    "draw_frames",
     "equilibrium_polylines",
     "tile_frames",
 ]

@@ -1,41 +1,15 @@
-"""Frames of many equilibria at once: one for each, or tiled into one picture."""
+"""Frames of many equilibria, tiled into one picture."""
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from pcm_gym.mechanism.validation import whole_number
-from pcm_gym.rendering.frame import Frame, FrameRenderer
-from pcm_gym.solving import Equilibrium
+from pcm_gym.rendering.frame import Frame
 
 _GAP = 2  # pixels between tiles
 _GAP_GREY = 200
-
-
-def draw_frames(renderer: FrameRenderer, equilibria: Sequence[Equilibrium], **rows: Sequence[Any]) -> tuple[Frame, ...]:
-    """Return one frame of each equilibrium, as the video wrappers for vector environments take them.
-
-    Parameters
-    ----------
-    renderer : FrameRenderer
-    equilibria : sequence of Equilibrium
-    **rows
-        Arguments of `FrameRenderer.draw` by their names, each a sequence with one value per equilibrium.
-
-    Raises
-    ------
-    ValueError
-        If a sequence has another length than `equilibria`, or as `FrameRenderer.draw`.
-    """
-    for name, values in rows.items():
-        if len(values) != len(equilibria):
-            raise ValueError(f"{name} must have one value for each of {len(equilibria)} equilibria, got {len(values)}")
-    return tuple(
-        renderer.draw(equilibrium, **{name: values[row] for name, values in rows.items()})
-        for row, equilibrium in enumerate(equilibria)
-    )
 
 
 def tile_frames(frames: Sequence[Frame], columns: int | None = None) -> Frame:

@@ -1,29 +1,9 @@
-"""Frames of several equilibria are the frames of each."""
+"""Frames of several equilibria, tiled into one picture."""
 
 import numpy as np
 import pytest
 
-from pcm_gym.rendering import FrameRenderer, draw_frames, tile_frames
-from pcm_gym.solving import Equilibrium
-
-
-def test_each_frame_is_drawn_with_its_own_arguments(equilibria: list[Equilibrium]) -> None:
-    renderer = FrameRenderer(equilibria[0].mechanism, (100, 80))
-    goals, lost = [found.pose for found in equilibria[1:4]], [False, True, False]
-    frames = draw_frames(renderer, equilibria[:3], goal=goals, stability_lost=lost)
-    assert isinstance(frames, tuple)
-    for frame, equilibrium, goal, is_lost in zip(frames, equilibria[:3], goals, lost, strict=True):
-        np.testing.assert_array_equal(frame, renderer.draw(equilibrium, goal=goal, stability_lost=is_lost))
-
-
-def test_no_equilibria_have_no_frames(equilibria: list[Equilibrium]) -> None:
-    assert draw_frames(FrameRenderer(equilibria[0].mechanism), []) == ()
-
-
-def test_a_value_for_each_equilibrium_is_asked_for(equilibria: list[Equilibrium]) -> None:
-    renderer = FrameRenderer(equilibria[0].mechanism)
-    with pytest.raises(ValueError, match="stability_lost"):
-        draw_frames(renderer, equilibria[:2], stability_lost=[True])
+from pcm_gym.rendering import tile_frames
 
 
 @pytest.mark.parametrize(("count", "columns", "shape"), [(1, None, (1, 1)), (5, None, (2, 3)), (6, 2, (3, 2))])
