@@ -5,17 +5,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import ExperimentConfig
 from agents.learning import load_policy
-from agents.rollouts import Actions, RunningEpisode
+from agents.rollouts import RunningEpisode
 from agents.runs import TrainedFiles
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from pcm_gym.arrays import Array
 
 
 class RandomController:
@@ -23,7 +20,7 @@ class RandomController:
 
     name = "random"
 
-    def act(self, episodes: Sequence[RunningEpisode]) -> Actions:
+    def act(self, episodes: Sequence[RunningEpisode]) -> Array:
         """Actions (episodes, actuators), uniform in [-1, 1]."""
         return np.array([episode.generator.uniform(-1.0, 1.0, episode.action_count) for episode in episodes])
 
@@ -45,15 +42,15 @@ class ResolvedRateController:
     def __init__(self, damping: float = 0.05) -> None:
         self._damping = damping
 
-    def act(self, episodes: Sequence[RunningEpisode]) -> Actions:
+    def act(self, episodes: Sequence[RunningEpisode]) -> Array:
         """Actions (episodes, actuators) of one resolved-rate step each."""
         return np.array([self._action(episode) for episode in episodes])
 
-    def _action(self, episode: RunningEpisode) -> Vector:
+    def _action(self, episode: RunningEpisode) -> Array:
         env: Any = episode.env.unwrapped
         error = pose_error(env.goal, env.equilibrium.pose)
         jacobian = env.equilibrium.forward_jacobian
-        action: Vector = damped_solution(jacobian, error, self._damping) / env.max_action
+        action: Array = damped_solution(jacobian, error, self._damping) / env.max_action
         return action / max(1.0, float(np.abs(action).max()))
 
 
@@ -82,7 +79,7 @@ class TrainedController:
         """Steps the model was trained for."""
         return self._model.num_timesteps
 
-    def act(self, episodes: Sequence[RunningEpisode]) -> Actions:
+    def act(self, episodes: Sequence[RunningEpisode]) -> Array:
         """Actions (episodes, actuators) of the policy."""
         keys = episodes[0].observation.keys()
         observations = {key: np.stack([episode.observation[key] for episode in episodes]) for key in keys}
@@ -100,14 +97,14 @@ def load_trained(files: TrainedFiles, config: ExperimentConfig, *, is_determinis
     return TrainedController(model, normaliser, is_deterministic=is_deterministic)
 
 
-def pose_error(goal: Vector, pose: Vector) -> Vector:
+def pose_error(goal: Array, pose: Array) -> Array:
     """What takes `pose` to `goal`: metres, then (for a platform) the shorter way round in radians."""
     error = np.asarray(goal, dtype=np.float64) - pose
     error[2:] = (error[2:] + np.pi) % (2.0 * np.pi) - np.pi
     return error
 
 
-def damped_solution(jacobian: Matrix, error: Vector, damping: float) -> Vector:
+def damped_solution(jacobian: Array, error: Array, damping: float) -> Array:
     """Damped least-squares solution `x` of ``jacobian x = error``; zero where the Jacobian is zero or not finite.
 
     Each singular value `s` is inverted as ``s / (s**2 + (damping * s_max)**2)``.
@@ -116,5 +113,5 @@ def damped_solution(jacobian: Matrix, error: Vector, damping: float) -> Vector:
         return np.zeros(jacobian.shape[1])
     left, values, right = np.linalg.svd(jacobian, full_matrices=False)
     inverted = values / (values**2 + (damping * values[0]) ** 2)
-    solution: Vector = right.T @ (inverted * (left.T @ error))
+    solution: Array = right.T @ (inverted * (left.T @ error))
     return solution

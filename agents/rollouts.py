@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 import pcm_gym  # noqa: F401 (registers the environments)
 from agents.config import EnvironmentConfig
+from pcm_gym.arrays import Array, Mask
 
 Observation = dict[str, NDArray[Any]]
-Actions = NDArray[np.float64]
 SingleEnv = gymnasium.Env[Any, Any]
 
 _CONTROLLER_STREAM = 1
@@ -88,7 +88,7 @@ class RunningEpisode:
         """Number of actuators."""
         return int(np.prod(self.env.action_space.shape or (1,)))
 
-    def step(self, action: Actions) -> None:
+    def step(self, action: Array) -> None:
         """Take one step and remember what came of it."""
         self.observation, reward, terminated, truncated, info = self.env.step(
             action.astype(self.env.action_space.dtype)
@@ -123,7 +123,7 @@ class RunningEpisode:
             length=len(self.infos),
         )
 
-    def _column(self, name: str) -> NDArray[np.float64]:
+    def _column(self, name: str) -> Array:
         return np.array([info[name] for info in self.infos], dtype=np.float64)
 
 
@@ -134,8 +134,8 @@ class Controller(Protocol):
     def name(self) -> str:
         """What tables and files call it."""
 
-    def act(self, episodes: Sequence[RunningEpisode]) -> Actions:
-        """Actions (episodes, actuators) in [-1, 1], one row per episode."""
+    def act(self, episodes: Sequence[RunningEpisode]) -> Array:
+        """Array (episodes, actuators) in [-1, 1], one row per episode."""
 
 
 def make_envs(environment: EnvironmentConfig, count: int) -> list[SingleEnv]:
@@ -189,7 +189,7 @@ def _run_to_the_end(
         episodes = [episode for episode in episodes if not episode.is_over]
 
 
-def longest_run(flags: NDArray[np.bool_]) -> int:
+def longest_run(flags: Mask) -> int:
     """Greatest number of successive true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -15,18 +15,18 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.simulation import Simulation
-from pcm_gym.kernels.instability import TERMINATE
-from pcm_gym.kernels.transition import SINGULARITY_MARGIN, STABILITY_FEATURES, UNSTABLE, States, step_batch
+from pcm_gym.kernels.snaps.instability import TERMINATE
+from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
+from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE, StepRules
+from pcm_gym.kernels.stepping.transition import step_batch
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import Equilibrium, Event, solve_forward
 from pcm_gym.tasks import default_max_action
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Who chooses the actions of a row: chance; chance that keeps a direction for a while; one corner for the whole episode,
 # into the limits; one corner and the opposite one in turn; or whatever takes the margin down, towards a fold.
@@ -187,11 +187,12 @@ class _Drivers:
         legs, result = simulation.settings.mechanism.leg_table, self._corner.copy()
         for leg in range(result.shape[1]):
             margins = []
+            rules = StepRules(simulation.settings.stride, TERMINATE, 1.0)
             for sign in (1.0, -1.0):
                 states, report = States(*(array.copy() for array in simulation.rows.states)), simulation._empty_report()
                 ahead = np.zeros(self._shape)
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                step_batch(legs, states, rows, ahead, simulation._stride, TERMINATE, 1.0, report)
+                step_batch(legs, states, rows, ahead, rules, report)
                 is_lost = report.costs[UNSTABLE, rows] > 0.0
                 margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN, rows]))
             slope = margins[0] - margins[1]

@@ -14,10 +14,10 @@ from scipy.optimize import root
 from scipy.special import ellipeinc, ellipj
 
 from benchmarks.problems import Problem
+from pcm_gym.arrays import Array, Mask
 from pcm_gym.mechanism import Revolute
 from pcm_gym.solving import Equilibrium
 
-Array = NDArray[np.float64]
 Points = NDArray[np.complex128]
 
 # A state with errors of closure and balance below the first is an equilibrium; two nearer than the second are one.
@@ -139,7 +139,7 @@ class Equations:
         lengths: Array = np.maximum(relative.max(axis=1), np.abs(steps[:, rods:]).max(axis=1))
         return lengths
 
-    def in_range(self, states: Array, factor: float = 1.0) -> NDArray[np.bool_]:
+    def in_range(self, states: Array, factor: float = 1.0) -> Mask:
         """Return which states (m, size) have all loads within `factor` times the range."""
         g = states[:, : 2 * self.leg_count].reshape(len(states), self.leg_count, 2)
         loads: Array = np.hypot(g[..., 0], g[..., 1]).max(axis=1)
@@ -151,10 +151,10 @@ class Equations:
         inputs, pose = equilibrium.inputs / self._units.inputs, equilibrium.pose / self._units.pose
         return np.concatenate([rods, inputs if self._is_inverse else pose])
 
-    def are_same(self, some: Array, others: Array) -> NDArray[np.bool_]:
+    def are_same(self, some: Array, others: Array) -> Mask:
         """Return which of two lists of states (m, size), (n, size) are the same equilibrium, (m, n)."""
         some, others = self._marks(some), self._marks(others)
-        same: NDArray[np.bool_] = np.abs(some[:, None] - others[None]).max(axis=2) < _SAME
+        same: Mask = np.abs(some[:, None] - others[None]).max(axis=2) < _SAME
         return same
 
     def _marks(self, states: Array) -> Array:

@@ -4,12 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod
 from pcm_gym.solving import EquilibriumSet, solve_forward, solve_inverse
-
-Array = NDArray[np.float64]
 
 MECHANISMS = ("2RFR", "2PFR", "3PFR")
 _STRONGEST_LOAD = 8.0  # in EI / L^2

@@ -10,16 +10,14 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 import pcm_gym
 from pcm_gym import BranchTracker, Equilibrium, Event, Snap
+from pcm_gym.arrays import Array
 from tests.reference.dense_relaxation import Law, push_over
-
-Array = NDArray[np.float64]
 
 # Share of the folds per mechanism, and how far the inputs and the load of a walk may go.
 _SHARES = {"2RFR": 0.35, "2PFR": 0.25, "3PFR": 0.4}

@@ -9,11 +9,10 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
 
 BASES = (-0.2, 0.2)  # x of the motors; y is 0
 HOME = np.radians([120.0, 60.0])

@@ -7,13 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
-from numpy.typing import NDArray
 
 from docs.figures import style
 from pcm_gym import Equilibrium, Mechanism, Revolute
+from pcm_gym.arrays import Array
 from pcm_gym.rendering.polylines import equilibrium_polylines
-
-Array = NDArray[np.float64]
 
 _POINTS = 120
 # Sizes of the parts, in mean rod lengths.

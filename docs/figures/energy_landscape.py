@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from docs.figures import style
 from docs.figures.drawing import draw_equilibrium, mark
@@ -13,9 +12,8 @@ from docs.figures.held_rod import HeldRod, HeldShape
 from docs.figures.plate import Plate, fixed, listed
 from docs.figures.rods import held_index, load_for_tip
 from pcm_gym import Equilibrium, get_mechanism, solve_forward
-from pcm_gym.kernels.rod import rod, rod_energy
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.rods.rod import rod, rod_energy
 
 _MECHANISM = "2RFR"
 _MILLI = 1e3

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from docs.figures.rods import force_of, shape_of
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
 
 _ITERATIONS = 30
 _RESIDUAL_TOL = 1e-10

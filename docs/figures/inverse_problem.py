@@ -9,16 +9,14 @@ from contourpy import LineType, contour_generator
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from docs.figures import style
 from docs.figures.drawing import draw_equilibrium, draw_force, mark, stability_legend, verdict
 from docs.figures.plate import Plate, fixed, listed
 from docs.figures.rod_parameters import draw_feasible
 from pcm_gym import EquilibriumSet, Leg, get_mechanism, solve_inverse
-from pcm_gym.kernels.rod import rod, rod_parameters
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.rods.rod import rod, rod_parameters
 
 POSE = (0.3, 0.35)  # m
 # Columns of a family: one row per load with which the rod's tip is on the end-effector. Angles are in degrees, the

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Circle, Patch
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.special import ellipkm1
 
@@ -14,9 +13,8 @@ from docs.figures import style
 from docs.figures.drawing import look
 from docs.figures.plate import Plate, fixed
 from docs.figures.rods import held_index
-from pcm_gym.kernels.rod import rod
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.rods.rod import rod
 
 _MODES = (1, 2, 3)
 _UNSTABLE, _STABLE = 1, 2

@@ -3,12 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ellipk, ellipkinc
 
-from pcm_gym.kernels.rod import RodPoint, rod, rod_parameters, rod_shape
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.rods.rod import RodPoint, rod, rod_parameters, rod_shape
 
 _ITERATIONS = 30
 _TIP_TOL = 1e-12

@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from docs.figures import style
 from docs.figures.drawing import draw_equilibrium
 from docs.figures.plate import Plate, fixed, listed
 from pcm_gym import Equilibrium, SingularCurve, forward_singularities, get_mechanism, inverse_singularities
-
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array, Mask
 
 _HEADINGS = ("pose", "singularity", "x, y (m)", "inputs (°)", "modes", "energy (J)")
 _BAR = 0.18  # m
@@ -68,7 +66,7 @@ def _at_border(curves: tuple[SingularCurve, ...]) -> Equilibrium:
     return max(found, key=lambda own: float(own.pose @ direction))
 
 
-def _is_stable(curve: SingularCurve) -> NDArray[np.bool_]:
+def _is_stable(curve: SingularCurve) -> Mask:
     """Which vertices are stable equilibria."""
     return np.array([curve.equilibrium(k).is_stable for k in range(len(curve))])
 

@@ -7,15 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from docs.figures import style
 from docs.figures.drawing import draw_equilibrium
 from docs.figures.plate import Plate, fixed
 from docs.figures.rods import mode_of
 from pcm_gym import Atlas, Region, build_atlas, get_mechanism
-
-Integers = NDArray[np.int64]
+from pcm_gym.arrays import Array, Integers
 
 _MODES = ((1, 1), (1, 2), (2, 1), (2, 2))
 _MODE_COLOURS = ("#9dbfe0", "#f0c48f", "#c3b0dc", "#9ed3bd")
@@ -72,7 +70,7 @@ def _counts(atlas: Atlas, branch: int) -> Integers:
     return counts.reshape(sheets.raster.shape)
 
 
-def _least_energy_modes(atlas: Atlas, branch: int, modes: list[tuple[int, int]]) -> NDArray[np.float64]:
+def _least_energy_modes(atlas: Atlas, branch: int, modes: list[tuple[int, int]]) -> Array:
     """Number in `_MODES`, from 1, of the modes of a branch's equilibrium of least energy at each pose; else 0."""
     sheets = atlas.over_poses
     picture = np.zeros(sheets.raster.size)
@@ -82,7 +80,7 @@ def _least_energy_modes(atlas: Atlas, branch: int, modes: list[tuple[int, int]])
     return picture.reshape(sheets.raster.shape)
 
 
-def _draw_picture(axes: Axes, atlas: Atlas, picture: NDArray[np.float64], colours: tuple[str, ...]) -> None:
+def _draw_picture(axes: Axes, atlas: Atlas, picture: Array, colours: tuple[str, ...]) -> None:
     raster = atlas.over_poses.raster
     low = raster.first_node - 0.5 * raster.pitch
     high = low + raster.shape * raster.pitch

@@ -10,12 +10,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.arrays import Mask
 from pcm_gym.environments.pictures import Pictures, Workspace
-from pcm_gym.environments.rows import Mask, Outcome
+from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation
-from pcm_gym.kernels.threads import default_thread_count
+from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, whole_number
 

@@ -5,17 +5,15 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.environments.settings import Settings
-from pcm_gym.kernels.transition import States
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import finite_vector, one_of
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Scene
 from pcm_gym.tasks.scene import reached
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Generators = Sequence[np.random.Generator]
 
 RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")

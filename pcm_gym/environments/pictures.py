@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Atlas, Equilibrium, Region, load_atlas, solve_forward
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 Workspace = Atlas | str | os.PathLike[str] | None
 

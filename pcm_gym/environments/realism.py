@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism, Rod
 from pcm_gym.mechanism.validation import finite_number, finite_vector, one_of
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.kernels.goals import Pursuit
-from pcm_gym.kernels.transition import (
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.stepping.goals import Pursuit
+from pcm_gym.kernels.stepping.report import (
     EVENT,
     LIMIT,
     MORSE_INDEX,
@@ -16,13 +18,8 @@ from pcm_gym.kernels.transition import (
     SOLVER,
     STABILITY_MARGIN,
     UNSTABLE,
-    States,
 )
 from pcm_gym.solving.tracking import EVENTS
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 

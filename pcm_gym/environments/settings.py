@@ -6,10 +6,12 @@ from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pcm_gym.arrays import Array
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
-from pcm_gym.kernels.instability import CONTINUE, HOLD, SNAP, TERMINATE
+from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
+from pcm_gym.kernels.stepping.report import StepRules
 from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import finite_number, one_of, positive_number, whole_number
 from pcm_gym.tasks import (
@@ -26,8 +28,6 @@ from pcm_gym.tasks import (
     load_elements,
     observation_elements,
 )
-
-Array = NDArray[np.float64]
 
 OnInstability = Literal["terminate", "snap", "hold", "continue"]
 # What may happen where stability is lost, and the kernels' codes.
@@ -133,6 +133,11 @@ class Settings:
     def stride(self) -> Array:
         """Increment of each input for an action of 1, dimensionless, (legs,)."""
         return self.max_action / self.mechanism.units.inputs
+
+    @property
+    def rules(self) -> StepRules:
+        """What the kernels know of a step."""
+        return StepRules(self.stride, BEHAVIOURS[self.on_instability], self.singular_margin)
 
     @property
     def load_varies(self) -> bool:

@@ -6,24 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.environments.openings import Generators, open_episodes
-from pcm_gym.environments.rows import Array, Integers, Mask, Outcome, Rows
-from pcm_gym.environments.settings import BEHAVIOURS, Settings
-from pcm_gym.kernels.goals import pursue
-from pcm_gym.kernels.threads import LEAST_ROWS, pieces_of, run_all
-from pcm_gym.kernels.transition import (
-    COST_ROWS,
-    EVENT,
-    FRACTION,
-    LIMIT,
-    LOST,
-    SOLVER,
-    STABILITY_FEATURES,
-    VERDICT_ROWS,
-    Report,
-    describe_batch,
-    step_batch,
-)
+from pcm_gym.environments.rows import Outcome, Rows
+from pcm_gym.environments.settings import Settings
+from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
+from pcm_gym.kernels.stepping.goals import pursue
+from pcm_gym.kernels.stepping.report import COST_ROWS, EVENT, FRACTION, LIMIT, LOST, SOLVER, VERDICT_ROWS, Report
+from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
 from pcm_gym.tasks import Scene, box_of, observation_elements
@@ -53,7 +44,7 @@ class Simulation:
         self.count = count
         self._threads = threads
         self._units = settings.mechanism.units
-        self._stride, self._behaviour = settings.stride, BEHAVIOURS[settings.on_instability]
+        self._stride, self._rules = settings.stride, settings.rules
         elements = observation_elements(settings.mechanism)
         self._feature_count, self._box = len(elements), box_of(elements)
         self._sees_features = settings.elements == elements
@@ -131,13 +122,13 @@ class Simulation:
         return self._outcome(rows, chosen, np.zeros(len(rows), dtype=np.bool_), generators)
 
     def _step_jobs(self, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
-        states, margin, jobs = self.rows.states, self.settings.singular_margin, []
+        states, jobs = self.rows.states, []
         for scene, members in self._by_scene(rows):
 
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], moves, self._stride, self._behaviour, margin, report)
+                step_batch(legs, states, chosen[first:last], moves, self._rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs

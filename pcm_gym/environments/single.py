@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.environments.pictures import Pictures, Workspace
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
@@ -17,7 +18,6 @@ from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Element, Task
 
-Array = NDArray[np.float64]
 Observation = dict[str, Array]
 
 RENDER_FPS = 20

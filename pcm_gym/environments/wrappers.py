@@ -7,11 +7,11 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.environments.single import MechanismEnv, Observation
 from pcm_gym.mechanism.validation import positive_number
 from pcm_gym.solving import BranchTracker, Equilibrium, Event
 
-Array = NDArray[np.float64]
 Action = NDArray[np.float32]
 
 # Directions in which a shield looks for another action, per pair of inputs, and distances that it tries in each.

@@ -1,1 +1,5 @@
-"""Compiled mathematics on plain arrays: elliptic functions, one rod, closure, Newton, stability, continuation."""
+"""Compiled mathematics on plain arrays, in rooms; each knows only those named before it.
+
+numerics, rods, statics, branches; then two wings: enumeration and proofs find all equilibria, snaps, lockstep and
+stepping follow one. Charts stand on top.
+"""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels import closure
+from pcm_gym.kernels.statics import closure
 from pcm_gym.mechanism.leg import Leg, Revolute, Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector
 
@@ -146,7 +146,7 @@ class Mechanism:
 
     @cached_property
     def leg_table(self) -> NDArray[np.float64]:
-        """The kernels' view of the legs, dimensionless, (legs, 12); see `pcm_gym.kernels.closure`."""
+        """The kernels' view of the legs, dimensionless, (legs, 12); see `pcm_gym.kernels.statics.closure`."""
         table = np.zeros((self.leg_count, closure.LEG_COLUMNS))
         units = self.units
         for row, leg, input_unit in zip(table, self.legs, units.inputs, strict=True):

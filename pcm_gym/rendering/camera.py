@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Leg, Mechanism, Revolute
 
-Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]  # x_min, x_max, y_min, y_max, in m
 
 

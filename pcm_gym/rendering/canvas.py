@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
+from pcm_gym.arrays import Array
 from pcm_gym.rendering.camera import Camera
 from pcm_gym.rendering.style import Paint
-
-Array = NDArray[np.float64]
 
 _DASH_POINTS = 5
 _DASH_MIN = 6.0  # shorter dashes and gaps, in pixels of the magnified picture, would blur into a line

@@ -4,15 +4,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.rendering.canvas import Canvas
 from pcm_gym.rendering.polylines import platform_points
 from pcm_gym.rendering.style import Style
 from pcm_gym.solving import Equilibrium
-
-Array = NDArray[np.float64]
 
 _POINTS = 40
 _MOST_TICKS = 200

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Leg, Mechanism, Revolute
 from pcm_gym.rendering.camera import rail_ends
 from pcm_gym.rendering.canvas import Canvas
 from pcm_gym.rendering.polylines import Polylines
 from pcm_gym.rendering.style import Colour, Style
-
-Array = NDArray[np.float64]
 
 _ARC_POINTS = 40
 

@@ -4,12 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.solving import Equilibrium
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pcm_gym.kernels import flood
-from pcm_gym.kernels.rasters import INPUTS, POSES, Rasters
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.charts import flood
+from pcm_gym.kernels.numerics.rasters import INPUTS, POSES, Rasters
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import finite_number, one_of, whole_number
 from pcm_gym.solving.atlas_file import read_atlas, write_atlas
@@ -19,8 +20,6 @@ from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.solutions import StableStates
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Over = Literal["poses", "inputs"]
 
 _SPACES = {"inputs": INPUTS, "poses": POSES}

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.certification import (
+from pcm_gym.arrays import Array, Mask
+from pcm_gym.kernels.proofs.certification import (
     Undecided,
     find_open_pairs,
     make_undecided,
@@ -15,12 +15,10 @@ from pcm_gym.kernels.certification import (
     resolve,
     set_state,
 )
-from pcm_gym.kernels.krawczyk import CARTESIAN, Proved, make_proved
-from pcm_gym.kernels.rod_cells import UnitCells, make_frames, make_unit_cells
+from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
+from pcm_gym.kernels.proofs.rod_cells import UnitCells, make_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
-
-Array = NDArray[np.float64]
 
 # Halvings of the rod's table of cells, and loads rho_max beyond which there is one more of them.
 _LEVELS, _LARGE_LOADS = 7, (10.0, 16.0)
@@ -187,7 +185,7 @@ class _Boxes:
 
     center: Array  # (m, 4)
     radius: Array  # (m, 4)
-    is_cartesian: NDArray[np.bool_]  # (m, 4)
+    is_cartesian: Mask  # (m, 4)
     polar: Array  # (m, 4)
     polar_error: Array  # (m, 4)
 
@@ -210,7 +208,7 @@ class _Boxes:
             np.where(is_cartesian, own_error, error),
         )
 
-    def in_range(self, rho_max: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def in_range(self, rho_max: float) -> tuple[Mask, Mask]:
         """Return which equilibria have both rho surely up to rho_max, and which have one surely beyond it."""
         rho, reach = self.polar[:, 0::2], self.polar_error[:, 0::2] + _ROUNDING * rho_max
         return np.all(rho + reach <= rho_max, axis=1), np.any(rho - reach > rho_max, axis=1)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels import flood
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.charts import flood
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_number, positive_number, whole_number
 from pcm_gym.solving.atlas import Atlas, flat_rasters
@@ -17,9 +18,6 @@ from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FIRST_CAPACITY = 1 << 16
 _EXPANDED_AT_ONCE = 2048
@@ -205,7 +203,7 @@ def _make_pool(mechanism: Mechanism, cells: int) -> flood.Pool:
     )
 
 
-def _numbered(roots: Integers, is_input: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _numbered(roots: Integers, is_input: Mask) -> NDArray[np.int32]:
     """Return branch numbers from representatives: the most poses first, then the most inputs."""
     kinds, members = np.unique(roots, return_inverse=True)
     pose_counts = np.bincount(members[~is_input], minlength=len(kinds))

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.curves import Problem, crossing_segments, point_beside
-from pcm_gym.kernels.singularity import FORWARD, INVERSE
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.branches.curves import Problem, crossing_segments, point_beside
+from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE
 from pcm_gym.mechanism import Revolute
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.singularities import SingularCurve
-
-Array = NDArray[np.float64]
 
 _FIRST_CAPACITY = 1 << 10
 _NEWTON_STEPS = 12
@@ -104,7 +102,7 @@ class _Plane:
         wrapped: Array = gap - turns * self.periods
         return wrapped
 
-    def segments(self, first: SingularCurve, second: SingularCurve, *, is_same: bool) -> NDArray[np.int64]:
+    def segments(self, first: SingularCurve, second: SingularCurve, *, is_same: bool) -> Integers:
         """Return the pairs of segments, by their first vertices, that cross on the polygons, (m, 2)."""
         capacity, points = _FIRST_CAPACITY, (first.points / self.units, second.points / self.units)
         while True:

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.kernels.cells import UnitRod, make_unit_rod
-from pcm_gym.kernels.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.found import Found
-from pcm_gym.kernels.inverse_search import find_combinations, polish_combinations
-from pcm_gym.kernels.sheets import Sheets, make_sheets
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
+from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
+from pcm_gym.kernels.enumeration.found import Found
+from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish_combinations
+from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.solutions import EquilibriumSet
 
-Array = NDArray[np.float64]
 Modes = Sequence[int | Collection[int]]
 
 # Halvings of the rod's table for the inverse problem.

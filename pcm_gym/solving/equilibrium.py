@@ -5,12 +5,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.equilibrium import describe_equilibrium, set_world_shapes
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
 from pcm_gym.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

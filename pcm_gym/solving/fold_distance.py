@@ -4,15 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels import continuation, singularity
-from pcm_gym.kernels.closure import LOWER, UPPER, Workspace, make_workspace
-from pcm_gym.kernels.curves import Problem, polish
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches import continuation, singularity
+from pcm_gym.kernels.branches.curves import Problem, polish
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace
 from pcm_gym.mechanism.validation import positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
-
-Array = NDArray[np.float64]
 
 _RAYS = 128
 # Rays much longer than the best so far are not tracked to their end.

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import contourpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from pcm_gym.arrays import Array, Integers, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +97,7 @@ class Region:
     """
 
     raster: Raster
-    mask: Booleans
+    mask: Mask
 
     @property
     def area(self) -> float:
@@ -112,7 +110,7 @@ class Region:
         return 2.0 * math.sqrt(int(self._border.sum()) / 12.0) * self.raster.cell_area
 
     @property
-    def _border(self) -> Booleans:
+    def _border(self) -> Mask:
         inner = self.mask
         for axis, is_closed in enumerate(self.raster.is_closed):
             width = [(1, 1) if other == axis else (0, 0) for other in range(self.mask.ndim)]
@@ -140,7 +138,7 @@ class Region:
         generator = contourpy.contour_generator(x=x, y=y, z=levels, line_type=contourpy.LineType.Separate)
         return tuple(np.asarray(line) for line in generator.lines(0.5))
 
-    def contains(self, points: ArrayLike) -> Booleans:
+    def contains(self, points: ArrayLike) -> Mask:
         """Return which of the points (n, d) lie in cells of the region."""
         cells = self.raster.cells_of(points)
         return (cells >= 0) & self.mask.reshape(-1)[cells]

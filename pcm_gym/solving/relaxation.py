@@ -4,14 +4,12 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.falls import fall
-from pcm_gym.kernels.relaxation import LARGEST_DISTURBANCE
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.snaps.falls import fall
+from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
+from pcm_gym.kernels.statics.closure import make_workspace
 from pcm_gym.solving.equilibrium import Equilibrium
-
-Array = NDArray[np.float64]
 
 _LARGEST_RESIDUAL = 1e-6
 

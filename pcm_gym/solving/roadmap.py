@@ -10,18 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from pcm_gym.kernels import roadmap as kernels
-from pcm_gym.kernels.flood import are_same
-from pcm_gym.kernels.instability import SNAP
-from pcm_gym.kernels.rasters import NOWHERE, Rasters
-from pcm_gym.kernels.transition import States
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.charts import roadmap as kernels
+from pcm_gym.kernels.numerics.rasters import NOWHERE, Rasters
+from pcm_gym.kernels.snaps.instability import SNAP
+from pcm_gym.kernels.statics.states import States, are_same
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_vector
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.raster import Raster
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FIRST_CAPACITY = 1 << 14
 _EXPANDED_AT_ONCE = 1024
@@ -242,7 +239,7 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
     return np.array([pair for pair in found if pair[1] >= 0], dtype=np.int64).reshape(-1, 2)
 
 
-def _fallen(roadmap: Roadmap, nodes: Integers, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _fallen(roadmap: Roadmap, nodes: Integers, targets: Array) -> tuple[Array, Mask]:
     """Return where nodes (n,) get to on the way to dimensionless inputs (n, legs), and which of them fell to there."""
     units = roadmap.mechanism.units
     load = np.tile(roadmap.load / units.load, (len(nodes), 1))

@@ -9,17 +9,16 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pcm_gym.kernels import curves as tracing
-from pcm_gym.kernels.singularity import FORWARD, INVERSE, fold_sides
+from pcm_gym.arrays import Array, Mask
+from pcm_gym.kernels.branches import curves as tracing
+from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, fold_sides
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.mechanism.validation import finite_number, limit_pair, positive_number
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.progress import progress_bars
-
-Array = NDArray[np.float64]
 
 _TURN = 2.0 * math.pi
 _FORWARD_GRID, _INVERSE_GRID = 8, 16
@@ -235,7 +234,7 @@ class _Traced:
 
     path: Array
     tangents: Array
-    marks: NDArray[np.bool_]
+    marks: Mask
     ends: tuple[CurveEnd, CurveEnd]
 
 
@@ -387,9 +386,7 @@ class _Search:
             (end_before, end),
         )
 
-    def _trace_side(
-        self, problem: tracing.Problem, y: Array, sign: float
-    ) -> tuple[Array, Array, NDArray[np.bool_], CurveEnd]:
+    def _trace_side(self, problem: tracing.Problem, y: Array, sign: float) -> tuple[Array, Array, Mask, CurveEnd]:
         capacity = _FIRST_CAPACITY
         while True:
             path, tangents = np.empty((capacity, y.size)), np.empty((capacity, y.size))

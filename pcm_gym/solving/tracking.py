@@ -6,8 +6,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.kernels import continuation
-from pcm_gym.kernels.closure import make_workspace
+from pcm_gym.kernels.branches import continuation
+from pcm_gym.kernels.statics.closure import make_workspace
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 

@@ -7,16 +7,15 @@ from typing import Literal
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pcm_gym.kernels.goals import Scale, poses_seen, score_goals
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.stepping.goals import Scale, poses_seen, score_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks.observation import Element, box_of, input_elements, pose_elements
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 RewardType = Literal["dense", "sparse"]
 
 # An input off by 1 rad, or by a mean rod length, counts as this distance where goals tell the inputs.
@@ -111,7 +110,7 @@ class Goals:
         position = goal[:2] * self.mechanism.units.length
         return position if self.mechanism.dof == 2 else np.append(position, math.atan2(goal[3], goal[2]))
 
-    def score(self, achieved: Array, desired: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def score(self, achieved: Array, desired: Array) -> tuple[Array, Mask]:
         """Return rewards and whether they are reached, (n,) each, of achieved for desired goals (n, g)."""
         rewards, distances = score_goals(achieved, desired, self.scale)
         return rewards, distances <= self.tolerance

@@ -5,17 +5,15 @@ from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.instability import TERMINATE
-from pcm_gym.kernels.roadmap import move_rows
-from pcm_gym.kernels.transition import States
+from pcm_gym.arrays import Integers, Mask
+from pcm_gym.kernels.charts.roadmap import move_rows
+from pcm_gym.kernels.snaps.instability import TERMINATE
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.tasks.scene import Scene, nodes_by_sums
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 ReachDifficulty = Literal["near", "anywhere", "detour"]
 
 # Steps of the walk from start to a near goal.
@@ -78,7 +76,7 @@ class Reach(Task):
         scene.walk(start, numbers, _WALK_STEPS, threads)
         return start
 
-    def _at_goal(self, start: States, ends: States, rows: Integers) -> NDArray[np.bool_]:
+    def _at_goal(self, start: States, ends: States, rows: Integers) -> Mask:
         """Return in which of some rows the start is at the goal already."""
         here, there = (self.goals.of_states(states.x[rows], states.inputs[rows]) for states in (start, ends))
         return self.goals.score(here, there)[1]

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pcm_gym.kernels.threads import pieces_of, run_all
-from pcm_gym.kernels.transition import States, wander
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.charts.walks import walk
+from pcm_gym.kernels.numerics.threads import pieces_of, run_all
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
 from pcm_gym.solving.roadmap import roadmap_raster
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
@@ -90,7 +89,7 @@ class Scene:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
         states, pitch = self.at_nodes(nodes), np.array(self.pitch)
         targets = states.inputs + (numbers - 0.5) * pitch
-        self._wander(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
+        self._walk(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
         return states
 
     def at_nodes(self, nodes: Integers) -> States:
@@ -119,7 +118,7 @@ class Scene:
         lowest, span = self._walked_range
         least, most = steps_range
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
-        self._wander(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
+        self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
 
     @cached_property
     def _walked_range(self) -> tuple[Array, Array]:
@@ -129,12 +128,12 @@ class Scene:
         edge = np.minimum(_LIMIT_RESERVE * np.array(self.stride), 0.25 * (upper - lower))
         return lower + edge, upper - lower - 2.0 * edge
 
-    def _wander(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
+    def _walk(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
         legs, reserve = self.mechanism.leg_table, self.reserve
 
         def part(first: int, last: int) -> None:
             rows = States(*(array[first:last] for array in states))
-            wander(legs, rows, targets[first:last], stride, steps[first:last], reserve)
+            walk(legs, rows, targets[first:last], stride, steps[first:last], reserve)
 
         run_all(pieces_of(part, len(steps), threads), threads)
 

@@ -5,15 +5,12 @@ from functools import lru_cache
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
 from pcm_gym.tasks.scene import Scene
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 # Equilibria from which the sheets are charted: up to this load, at so many inputs along each axis, for two and three
 # legs.

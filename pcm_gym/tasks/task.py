@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.transition import States
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
-Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
 
 

@@ -6,18 +6,16 @@ from functools import lru_cache, partial
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.goals import poses_seen
-from pcm_gym.kernels.paths import follow_path
-from pcm_gym.kernels.threads import default_thread_count, run_all
-from pcm_gym.kernels.transition import States
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.charts.paths import follow_path
+from pcm_gym.kernels.numerics.threads import default_thread_count, run_all
+from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.stepping.goals import poses_seen
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.tasks.scene import Scene
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Path = Literal["circle", "eight", "spline", "any"]
 
 _PERIOD = 100

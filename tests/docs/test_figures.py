@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from pcm_gym.arrays import Array
 
 pytest.importorskip("matplotlib")
 
@@ -23,10 +24,8 @@ from docs.figures.held_rod import HeldRod
 from docs.figures.page import PAGE, image_name, with_tables
 from docs.figures.plate import Plate, fixed
 from docs.figures.rods import held_index, load_from_parameters
-from pcm_gym.kernels.rod import rod
-from pcm_gym.kernels.rod import rod_parameters as parameters_of
-
-Array = NDArray[np.float64]
+from pcm_gym.kernels.rods.rod import rod
+from pcm_gym.kernels.rods.rod import rod_parameters as parameters_of
 
 SMALL: dict[int, Callable[[], Plate]] = {
     3: lambda: rod_modes.make(modes=2),

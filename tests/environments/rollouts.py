@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 import pcm_gym
 
-Array = NDArray[np.float64]
-
 # The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
 FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
 

@@ -10,13 +10,12 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import BDF
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.solving import Equilibrium
 
-Array = NDArray[np.float64]
 Law = Literal["positions", "angles"]
 
 # Rate at which an error of closure decays, and time by which all rests, in drag L^4 / EI.

@@ -13,13 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism, Revolute
 from pcm_gym.solving import Equilibrium
 from tests.reference.rod_ode import integrate_rod
-
-Array = NDArray[np.float64]
 
 POLYNOMIALS = 56
 _NODES = 96

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
+
 Function = Callable[[Array], Array]
 
 _STEPS = 4000

@@ -3,16 +3,14 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import TIP_X, TIP_Y, TURN, evaluate_rods, make_workspace, set_inputs
-from pcm_gym.kernels.compilation import kernel
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_forward_locally, solve_inverse_locally
-from pcm_gym.kernels.rod import rod
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.rods.rod import rod
+from pcm_gym.kernels.statics.closure import TIP_X, TIP_Y, TURN, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally, solve_inverse_locally
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
 from pcm_gym.solving import Equilibrium
-
-Array = NDArray[np.float64]
 
 FAMILIES = ("2RFR", "2PFR", "3PFR")
 

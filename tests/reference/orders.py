@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
 
 
 def fitted_order(steps: Array, errors: Array) -> float:

@@ -8,10 +8,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-Array = NDArray[np.float64]
+from pcm_gym.arrays import Array
 
 # The tightest that DOP853 accepts is 100 machine epsilons.
 RELATIVE_TOL = 2.3e-14

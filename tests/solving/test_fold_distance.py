@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Rod, get_mechanism
 from pcm_gym.solving import (
     BranchTracker,
@@ -19,8 +19,6 @@ from pcm_gym.solving import (
     nearest_fold,
     solve_forward,
 )
-
-Array = NDArray[np.float64]
 
 
 def stable_states(name: str, count: int, seed: int) -> list[Equilibrium]:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.newton import CONVERGED, NewtonRules, solve_inverse_locally
+from pcm_gym.kernels.statics.closure import make_workspace
+from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
 from pcm_gym.solving import BranchTracker, Equilibrium, home_equilibrium
 from tests.reference.discrete_energy import DiscreteEnergy

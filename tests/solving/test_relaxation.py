@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from pcm_gym.kernels.closure import make_workspace
-from pcm_gym.kernels.moving_rods import make_grid, make_moving_rods
-from pcm_gym.kernels.relaxation import LANDED, RelaxationRules, Relaxed, relax
+from pcm_gym.kernels.snaps.moving_rods import make_grid, make_moving_rods
+from pcm_gym.kernels.snaps.relaxation import LANDED, RelaxationRules, Relaxed, relax
+from pcm_gym.kernels.statics.closure import make_workspace
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Rod
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Snap, SnapStatus, snap, solve_forward
 from tests.reference.dense_relaxation import CLOSING_RATE, Chains, push_over

@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from pcm_gym.kernels.closure import make_workspace, set_inverse_matrix, set_matrix, set_residual
-from pcm_gym.kernels.singularity import FORWARD, INVERSE, set_normal, set_unknowns
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, set_normal, set_unknowns
+from pcm_gym.kernels.statics.closure import make_workspace, set_inverse_matrix, set_matrix, set_residual
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism
 from pcm_gym.solving import (
     CurveEnd,
@@ -22,8 +22,6 @@ from pcm_gym.solving import (
     solve_forward,
     solve_inverse,
 )
-
-Array = NDArray[np.float64]
 
 RHO_MAX = 9.0
 

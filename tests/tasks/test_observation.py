@@ -6,14 +6,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import pcm_gym
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Goals, box_of, observation_elements
 from tests.environments.rollouts import folding_arguments, make_bare, make_native, sweeping_actions
 
-Array = NDArray[np.float64]
 NAMES = pcm_gym.mechanism_names()
 
 

@@ -1,0 +1,1 @@
+"""Charts of stable equilibria: floods over rasters, roadmaps, paths and walks."""

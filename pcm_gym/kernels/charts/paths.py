@@ -1,0 +1,42 @@
+"""Following a path of poses: the inputs that lead the end-effector along it."""
+
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_step
+from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace
+from pcm_gym.kernels.statics.margin import singularity_margin
+from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
+from pcm_gym.kernels.statics.states import are_same
+
+_RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=10)
+
+
+@kernel
+def follow_path(
+    legs: Array, load: Array, poses: Array, largest_step: Array, least_margin: float, x: Array, inputs: Array
+) -> int:
+    """Bring the stable state in row 0 of `x` (p, size) and `inputs` (p, legs) along `poses` (p, d), filling the rows.
+
+    Returns how many poses are reached: by steps of the inputs of at most `largest_step` each, within the limits, on one
+    branch that stays stable and keeps the margin. Row 0 must be at the first pose.
+    """
+    leg_count, size = legs.shape[0], x.shape[1]
+    line, work = make_line(leg_count, size), make_workspace(leg_count, size)
+    here, here_inputs = x[0].copy(), inputs[0].copy()
+    for k in range(1, poses.shape[0]):
+        x[k], inputs[k] = here, here_inputs
+        x[k, 2 * leg_count :] = poses[k]
+        if solve_inverse_locally(legs, inputs[k], load, x[k], _RULES, work) != CONVERGED:
+            return k
+        for i in range(leg_count):
+            if not legs[i, LOWER] <= inputs[k, i] <= legs[i, UPPER]:
+                return k
+            if not abs(inputs[k, i] - here_inputs[i]) <= largest_step[i]:
+                return k
+        tracked = track_in_one_step(legs, here, here_inputs, load, inputs[k], line, work)
+        is_stable = tracked.event == NONE and tracked.morse_index == 0
+        if not is_stable or singularity_margin(legs, here, work) < least_margin:
+            return k
+        if not are_same(here, x[k], leg_count):
+            return k
+    return int(poses.shape[0])

@@ -1,0 +1,96 @@
+"""Walks of many rows at once along stable equilibria, towards inputs: how starts and goals are drawn."""
+
+import numpy as np
+
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.branches.continuation import NONE, Line, make_line, track_in_one_step
+from pcm_gym.kernels.lockstep import lanes
+from pcm_gym.kernels.lockstep.lanes import LANES, make_block, step_block
+from pcm_gym.kernels.lockstep.lanes_margin import set_margins
+from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
+from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.statics.closure import Workspace, make_workspace
+from pcm_gym.kernels.statics.margin import singularity_margin
+from pcm_gym.kernels.statics.states import States
+
+
+@kernel
+def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float) -> None:
+    """Walk in every row towards the inputs `targets` (n, legs) in increments of at most `stride`, in place.
+
+    A walk ends at its target, after `steps` (n,) steps, or before the first one that, made in quarters, would leave
+    the stable branch or come nearer to a fold than `least_margin`. So whoever repeats the walk meets neither.
+    """
+    all_count, size = states.x.shape
+    line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
+    goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
+    rows = np.arange(all_count)
+    count = _keep_walking(states, targets, left, rows, all_count)
+    while count > 0:
+        for first in range(0, count, LANES):
+            here = min(LANES, count - first)
+            for lane in range(here):
+                row = rows[first + lane]
+                _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
+                load_lane(states, row, goal, block, lane)
+            computed = step_block(legs, block, here, states.load.shape[1])
+            set_margins(legs, block, computed, states.load.shape[1])
+            for lane in range(here):
+                row = rows[first + lane]
+                is_refused = block.common[lanes.IS_SOUND + lane] == 0.0
+                if is_refused and part[row] > LEAST_PART:
+                    part[row] *= 0.5
+                    continue
+                made = min(part[row], left[row])
+                if is_refused:
+                    _set_goal(states.inputs[row], targets[row], stride, made, goal)
+                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
+                else:
+                    is_kept = _is_kept(block.common, lane, least_margin)
+                    if is_kept:
+                        store_lane(states, row, block, lane)
+                left[row] = left[row] - made if is_kept else 0.0
+        count = _keep_walking(states, targets, left, rows, count)
+
+
+@formula
+def _is_kept(common: Array, lane: int, least_margin: float) -> bool:
+    is_far: bool = common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
+    return is_far and common[lanes.INDEX + lane] == 0.0
+
+
+@kernel
+def _set_goal(inputs: Array, target: Array, stride: Array, part: float, goal: Array) -> None:
+    """Set the inputs after the next step towards `target`, of at most a part of the stride."""
+    ratio = 1.0
+    for i in range(inputs.shape[0]):
+        ratio = max(ratio, abs(target[i] - inputs[i]) / (part * stride[i]))
+    for i in range(inputs.shape[0]):
+        goal[i] = inputs[i] + (target[i] - inputs[i]) / ratio
+
+
+@kernel
+def _walk_alone(
+    legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Line, work: Workspace
+) -> bool:
+    """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
+    x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row]
+    tracked = track_in_one_step(legs, x, inputs, load, goal, line, work)
+    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, x, work) < least_margin:
+        return False
+    states.x[row], states.inputs[row] = x, inputs
+    return True
+
+
+@kernel
+def _keep_walking(states: States, targets: Array, left: Array, rows: Integers, count: int) -> int:
+    """Move the rows that have further to walk to the front; return how many they are."""
+    kept = 0
+    for k in range(count):
+        row, is_there = rows[k], True
+        for i in range(targets.shape[1]):
+            is_there = is_there and states.inputs[row, i] == targets[row, i]
+        if left[row] > 0.0 and not is_there:
+            rows[kept] = row
+            kept += 1
+    return kept

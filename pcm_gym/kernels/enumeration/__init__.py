@@ -1,0 +1,1 @@
+"""All equilibria: at given inputs, and at a given pose."""

@@ -1,0 +1,200 @@
+"""The equilibria that a search has found: each kept once, and twins across a fold looked for."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.numerics.linear import determinant, solve_linear
+from pcm_gym.kernels.statics.closure import (
+    TURN,
+    Workspace,
+    evaluate_rods,
+    set_inputs,
+    set_inverse_matrix,
+    solve_equilibrium_system,
+)
+from pcm_gym.kernels.statics.newton import (
+    CONVERGED,
+    NewtonRules,
+    correction_size,
+    solve_forward_locally,
+    solve_inverse_locally,
+)
+from pcm_gym.kernels.statics.stability import assess_stability
+
+# Near a fold Newton's method halves the error at best, and the correction never falls below the noise.
+POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=40, residual=2e-15)
+# States nearer than the first are one; states nearer than the second are one if they are of the same kind.
+_SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
+# A fold up to this far away, in the measure of `correction_size`, may have a partner beyond it; the step that tells;
+# and where the partner is sought, in distances from the fold.
+_FARTHEST_FOLD, _FOLD_PROBE = 0.2, 1e-4
+_FOLD_FACTORS = (2.0, 1.4, 3.0)
+
+
+class Found(NamedTuple):
+    """The equilibria found so far."""
+
+    x: Array  # (m, size)
+    inputs: Array  # (m, legs)
+    kinds: Integers  # (m,): what differs on the two sides of a fold
+
+
+@kernel
+def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found: Found, count: int) -> int:
+    """Add an equilibrium to those found if its loads are in range, there is room, and it is new; return their number.
+
+    The platform's angle is brought into (-pi, pi]. Equilibria of different kind are two however near they are: they
+    meet at a fold.
+    """
+    for leg in range(legs.shape[0]):
+        if math.hypot(x[2 * leg], x[2 * leg + 1]) > rho_max * rho_max:
+            return count
+    if count == found.x.shape[0]:
+        return count
+    last, is_platform = x.shape[0] - 1, x.shape[0] - 2 * legs.shape[0] == 3
+    if is_platform:
+        x[last] = principal_angle(x[last])
+    for n in range(count):
+        turn = 0.0  # that brings the platform's angle to this side of its seam
+        if is_platform:
+            turn = 2.0 * math.pi * round((found.x[n, last] - x[last]) / (2.0 * math.pi))
+        x[last] += turn
+        gap = max(_gap(found.x[n], x), _gap(found.inputs[n], inputs))
+        x[last] -= turn
+        if gap < _SAME_STATE or (gap < _SAME_BRANCH and found.kinds[n] == kind):
+            return count
+    found.x[count], found.inputs[count], found.kinds[count] = x, inputs, kind
+    return count + 1
+
+
+@kernel
+def correct_and_keep(
+    legs: Array,
+    x: Array,
+    inputs: Array,
+    load: Array,
+    rho_max: float,
+    is_inverse: bool,
+    rules: NewtonRules,
+    work: Workspace,
+    found: Found,
+    count: int,
+) -> int:
+    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it; return how many there are now."""
+    if is_inverse:
+        status = solve_inverse_locally(legs, inputs, load, x, rules, work)
+    else:
+        status = solve_forward_locally(legs, inputs, load, x, rules, work)
+    if status != CONVERGED:
+        return count
+    if is_inverse:
+        for leg in range(legs.shape[0]):
+            if legs[leg, TURN] != 0.0:
+                inputs[leg] = principal_angle(inputs[leg])
+    return keep(legs, x, inputs, rho_max, _kind(legs, x, inputs, is_inverse, work), found, count)
+
+
+@kernel
+def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> int:
+    """Return what differs on the two sides of a fold: the Morse index, at a given pose also the side itself."""
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
+    index = assess_stability(legs, x, work).morse_index
+    if not is_inverse:
+        return index
+    set_inverse_matrix(legs, x, work)
+    return 2 * index + (1 if determinant(work.matrix, x.shape[0]) > 0.0 else 0)
+
+
+@kernel
+def _gap(first: Array, second: Array) -> float:
+    gap = 0.0
+    for j in range(first.shape[0]):
+        gap = max(gap, abs(first[j] - second[j]) / (1.0 + abs(first[j])))
+    return gap
+
+
+@kernel
+def principal_angle(angle: float) -> float:
+    """Return the angle in (-pi, pi]."""
+    turned = angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+    return math.pi if turned <= -math.pi else turned
+
+
+@kernel
+def keep_partners(
+    legs: Array, load: Array, rho_max: float, is_inverse: bool, work: Workspace, found: Found, count: int
+) -> int:
+    """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
+    n = 0
+    while n < count:
+        count = _look_across_fold(legs, load, rho_max, n, is_inverse, work, found, count)
+        n += 1
+    return count
+
+
+@kernel
+def _look_across_fold(
+    legs: Array, load: Array, rho_max: float, n: int, is_inverse: bool, work: Workspace, found: Found, count: int
+) -> int:
+    """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
+
+    The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
+    softness changes on the way. Steps are short enough to stay on the partner's side of the fold.
+    """
+    x, inputs = found.x[n].copy(), found.inputs[n].copy()
+    softness = _set_soft_step(legs, x, inputs, is_inverse, work)
+    if not 0.0 < softness < math.inf:
+        return count
+    direction = work.vector[: x.shape[0]] / softness
+    _move(x, inputs, _FOLD_PROBE, direction, is_inverse)
+    if not _set_soft_step(legs, x, inputs, is_inverse, work) > 0.0:
+        return count
+    # 1 / softness, with its sign
+    hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
+    distance = -_FOLD_PROBE / (hardness * softness - 1.0)
+    if not abs(distance) < _FARTHEST_FOLD:
+        return count
+    rules = NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
+    for factor in _FOLD_FACTORS:
+        x[:], inputs[:] = found.x[n], found.inputs[n]
+        _move(x, inputs, factor * distance, direction, is_inverse)
+        count = correct_and_keep(legs, x, inputs, load, rho_max, is_inverse, rules, work, found, count)
+    return count
+
+
+@kernel
+def _move(x: Array, inputs: Array, distance: float, direction: Array, is_inverse: bool) -> None:
+    """Add a distance along a direction to the unknowns: the rods and the pose, or the rods and the inputs."""
+    given = x.shape[0] - inputs.shape[0] if is_inverse else x.shape[0]
+    x[:given] += distance * direction[:given]
+    if is_inverse:
+        inputs += distance * direction[given:]
+
+
+@kernel
+def _set_soft_step(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> float:
+    """Fill `work.vector` with the response to some errors, near a fold along its soft direction; return its size."""
+    size, pose = x.shape[0], 2 * legs.shape[0]
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
+    for row in range(size):
+        work.residual[row] = 1.0 / (1.0 + row)
+    if not is_inverse:
+        if not solve_equilibrium_system(legs, x, work.residual, work):
+            return math.inf
+        work.vector[:size] = work.step
+        return correction_size(legs, x, work)
+    set_inverse_matrix(legs, x, work)
+    work.vector[:size] = work.residual
+    if not solve_linear(work.matrix, work.vector, size):
+        return math.inf
+    work.step[:pose], work.step[pose:] = work.vector[:pose], 0.0
+    largest = correction_size(legs, x, work)
+    for i in range(pose, size):
+        largest = max(largest, abs(work.vector[i]))
+    return largest

@@ -1,0 +1,1 @@
+"""Many mechanisms in lock-step: natural steps and margins in lanes of vector instructions."""

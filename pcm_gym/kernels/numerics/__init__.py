@@ -1,0 +1,1 @@
+"""Numerical ground: compilation and its cache, threads, small linear systems, rasters."""

@@ -1,0 +1,184 @@
+"""Rigorous models of the unit rod over a tree of cells, and what a leg adds to the equations over a cell.
+
+The counterpart of `cells` for proofs: remainders are bounds, from `rod_enclosure`, and all rounding is covered. Cells
+are boxes in the polar chart (rho, b), divided in b by a grid that is graded towards tension.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pcm_gym.arrays import Array
+from pcm_gym.kernels.enumeration.cells import cell_of_leaf, grid_angle, node_offset
+from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.proofs.rod_enclosure import enclose_rod
+from pcm_gym.kernels.proofs.taylor_models import Model, affine
+from pcm_gym.kernels.statics.closure import AXIS_X, AXIS_Y, BASE_X, BASE_Y, CLAMP_ANGLE, LENGTH, STIFFNESS, TURN
+
+# A cell is a box of loads: centre and half width of rho and of b.
+RHO, RHO_HALF, B, B_HALF = range(4)
+# Affine model of a quantity over a cell, and how far the quantity may be from the centre.
+CENTER, ALONG, ACROSS, REMAINDER, SPREAD = range(5)
+# The quantities: of the unit rod force and tip, (x, y) each; of a leg what it adds to the equations.
+ROWS = 4
+# There are 2^4 bands of rho, each with its own division of b.
+BAND_LEVEL = 4
+# Covers the rounding errors of what is computed from a model outside of the Taylor arithmetic, and those of the
+# mechanism's data, relative to the absolute values that go into it.
+SLACK = 1e-14
+
+
+class UnitCells(NamedTuple):
+    """Rigorous models of the unit rod over a tree of cells, for all mechanisms."""
+
+    levels: int
+    rho_max: float
+    boxes: Array  # (nodes, 4)
+    models: Array  # (nodes, 4, 4): [force_x, force_y, tip_x, tip_y; centre, along, across, remainder]
+
+
+@kernel
+def _set_affine(model: Model, out: Array) -> None:
+    out[CENTER], out[ALONG], out[ACROSS], out[REMAINDER] = affine(model)
+    if not math.isfinite(out[REMAINDER] + out[CENTER] + out[ALONG] + out[ACROSS]):
+        out[:] = 0.0
+        out[REMAINDER] = math.inf
+
+
+@kernel
+def set_unit_models(box: Array, out: Array) -> None:
+    """Fill the affine models (4, 4) of the unit rod over a box of loads; a remainder is inf where nothing is known."""
+    rod = enclose_rod(box[RHO], box[RHO_HALF], box[B], box[B_HALF])
+    _set_affine(rod.force_x, out[0])
+    _set_affine(rod.force_y, out[1])
+    _set_affine(rod.tip_x, out[2])
+    _set_affine(rod.tip_y, out[3])
+
+
+@kernel
+def _set_interval(low: float, high: float, out: Array) -> None:
+    """Put centre and half width of an interval into `out` (2,), outward."""
+    out[0] = 0.5 * (low + high)
+    out[1] = max(high - out[0], out[0] - low) * (1.0 + SLACK)
+
+
+@kernel
+def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
+    """Return the unit rod's models for rho in [0, rho_max] and every b.
+
+    The division of b is graded for the middle of each band of rho, so that cells are boxes; a node above the bands
+    holds cells that are not aligned, and has only bounds.
+    """
+    count, bands = 2**levels, 2**BAND_LEVEL
+    grid = np.empty((bands, count + 1))
+    for band in range(bands):
+        for j in range(count + 1):
+            grid[band, j] = grid_angle(rho_max * (band + 0.5) / bands, j / count)
+        grid[band, 0], grid[band, count] = 0.0, 3.1415926535897936  # the next number above pi
+    nodes = node_offset(levels + 1)
+    cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
+    start = node_offset(levels)
+    for leaf in range(2 * 4**levels):
+        side, i, j = cell_of_leaf(leaf, levels)
+        box, band = cells.boxes[start + leaf], i * bands // count
+        _set_interval(rho_max * (i / count), rho_max * ((i + 1) / count), box[RHO : RHO + 2])
+        _set_interval(grid[band, j], grid[band, j + 1], box[B : B + 2])
+        if side == 1:
+            box[B] = -box[B]
+        set_unit_models(box, cells.models[start + leaf])
+    for level in range(levels - 1, -1, -1):
+        for node in range(2 * 4**level):
+            _set_node(cells, node_offset(level) + node, node_offset(level + 1) + 4 * node, level >= BAND_LEVEL)
+    return cells
+
+
+@kernel
+def _set_node(cells: UnitCells, node: int, first_child: int, is_box: bool) -> None:
+    """Enclose the children's boxes and models in the node's."""
+    box, children = cells.boxes[node], cells.boxes[first_child : first_child + 4]
+    for k in (RHO, B):
+        low = high = children[0, k]
+        for child in range(4):
+            low = min(low, children[child, k] - children[child, k + 1])
+            high = max(high, children[child, k] + children[child, k + 1])
+        _set_interval(low, high, box[k : k + 2])
+    for row in range(ROWS):
+        out, models = cells.models[node, row], cells.models[first_child : first_child + 4, row]
+        out[:] = 0.0
+        if is_box:
+            for child in range(4):
+                out[ALONG] += 0.25 * models[child, ALONG] * box[RHO_HALF] / children[child, RHO_HALF]
+                out[ACROSS] += 0.25 * models[child, ACROSS] * box[B_HALF] / children[child, B_HALF]
+        low, high = math.inf, -math.inf
+        for child in range(4):
+            s = (children[child, RHO] - box[RHO]) / box[RHO_HALF]
+            t = (children[child, B] - box[B]) / box[B_HALF]
+            gap = models[child, CENTER] - s * out[ALONG] - t * out[ACROSS]
+            reach = (
+                abs(models[child, ALONG] - out[ALONG] * children[child, RHO_HALF] / box[RHO_HALF])
+                + abs(models[child, ACROSS] - out[ACROSS] * children[child, B_HALF] / box[B_HALF])
+                + models[child, REMAINDER]
+                + SLACK * (abs(models[child, CENTER]) + abs(out[ALONG]) + abs(out[ACROSS]))
+            )
+            low, high = min(low, gap - reach), max(high, gap + reach)
+        if not high - low < math.inf:
+            out[:] = 0.0
+            out[REMAINDER] = math.inf
+            continue
+        out[CENTER] = 0.5 * (low + high)
+        out[REMAINDER] = max(high - out[CENTER], out[CENTER] - low) + SLACK * abs(out[CENTER])
+
+
+class Frames(NamedTuple):
+    """How the quantities of the unit rods enter the equations, (2, ...) by leg."""
+
+    turn: Array  # (2, 2): cosine and sine of the clamp's angle
+    factors: Array  # (2, 4): of each row
+    offsets: Array  # (2, 4): added to each row
+    slacks: Array  # (2, 4): bound on the error of the offset
+    relative_slack: Array  # (1,): of what is turned and scaled
+
+
+@kernel
+def make_frames(legs: Array, inputs: Array, load: Array) -> Frames:
+    """Return the frames for a mechanism of two legs: force of both less the load, tip of the first less the second."""
+    frames = Frames(np.empty((2, 2)), np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 4)), np.array([SLACK]))
+    for leg in range(2):
+        turned = legs[leg, TURN] * inputs[leg]
+        angle = legs[leg, CLAMP_ANGLE] + turned
+        frames.turn[leg, 0], frames.turn[leg, 1] = math.cos(angle), math.sin(angle)
+        # the angle's own rounding turns everything
+        frames.relative_slack[0] += SLACK * (abs(legs[leg, CLAMP_ANGLE]) + abs(turned))
+        length, sign = legs[leg, LENGTH], 1.0 - 2.0 * leg
+        force = legs[leg, STIFFNESS] / (length * length)
+        for k, base, axis in ((0, BASE_X, AXIS_X), (1, BASE_Y, AXIS_Y)):
+            frames.factors[leg, k], frames.factors[leg, 2 + k] = force, sign * length
+            frames.offsets[leg, k] = -load[k] if leg == 0 else 0.0
+            frames.slacks[leg, k] = SLACK * abs(frames.offsets[leg, k])
+            slide = legs[leg, axis] * inputs[leg]
+            frames.offsets[leg, 2 + k] = sign * (legs[leg, base] + slide)
+            frames.slacks[leg, 2 + k] = SLACK * (abs(legs[leg, base]) + abs(inputs[leg]))
+    return frames
+
+
+@kernel
+def set_contribution(frames: Frames, leg: int, models: Array, out: Array) -> None:
+    """Fill `out` (4, 5) with what a leg adds to the equations, from the unit rod's models (4, 4)."""
+    c, s = frames.turn[leg, 0], frames.turn[leg, 1]
+    for pair in range(0, ROWS, 2):
+        x, y = models[pair], models[pair + 1]
+        size = 0.0
+        for column in range(4):
+            size += abs(x[column]) + abs(y[column])
+        for row in range(pair, pair + 2):
+            along_x, along_y = (c, -s) if row == pair else (s, c)
+            factor, target = frames.factors[leg, row], out[row]
+            target[CENTER] = frames.offsets[leg, row] + factor * (along_x * x[CENTER] + along_y * y[CENTER])
+            target[ALONG] = factor * (along_x * x[ALONG] + along_y * y[ALONG])
+            target[ACROSS] = factor * (along_x * x[ACROSS] + along_y * y[ACROSS])
+            remainder = abs(along_x) * x[REMAINDER] + abs(along_y) * y[REMAINDER]
+            rounding = frames.relative_slack[0] * abs(factor) * size + frames.slacks[leg, row]
+            target[REMAINDER] = (abs(factor) * remainder + rounding) * (1.0 + SLACK)
+            spread = abs(target[ALONG]) + abs(target[ACROSS]) + target[REMAINDER]
+            target[SPREAD] = spread * (1.0 + SLACK) + SLACK * abs(target[CENTER])

@@ -1,0 +1,93 @@
+"""Distances to goals and the rewards that follow from them, over a batch."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.numerics.compilation import formula, kernel
+
+# Half of the dense reward falls linearly over this distance, half exponentially over this one.
+FAR, NEAR = 1.0, 0.05
+
+
+class Pursuit(NamedTuple):
+    """The goals of a batch and how far their pursuit has come, one row per environment."""
+
+    goals: Array  # (n, p, g): those of successive steps, over and over
+    elapsed: Integers  # (n,): steps since the reset
+    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+
+
+class Scale(NamedTuple):
+    """What differences from a goal count."""
+
+    weights: Array  # (g,): of the squares of the differences
+    tolerance: float  # distance that counts as reached
+    is_sparse: bool  # which reward
+
+
+@formula
+def _reward(distance: float, scale: Scale) -> float:
+    """Return the reward at a distance: 1 or 0, or the mean of a far and a near term, each 1 at the goal."""
+    if scale.is_sparse:
+        return 1.0 if distance <= scale.tolerance else 0.0
+    return 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
+
+
+@formula
+def _distance(achieved: Array, desired: Array, row: int, weights: Array) -> float:
+    squared = 0.0
+    for j in range(achieved.shape[1]):
+        difference = achieved[row, j] - desired[row, j]
+        squared += weights[j] * difference * difference
+    return math.sqrt(squared)
+
+
+@kernel
+def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, Array]:
+    """Return the rewards (n,) of achieved for desired goals (n, g), and their distances (n,)."""
+    count = achieved.shape[0]
+    rewards, distances = np.empty(count), np.empty(count)
+    for row in range(count):
+        distances[row] = _distance(achieved, desired, row, scale.weights)
+        rewards[row] = _reward(distances[row], scale)
+    return rewards, distances
+
+
+@kernel
+def pursue(
+    achieved: Array, rows: Integers, has_stepped: Mask, is_unstable: Mask, pursuit: Pursuit, scale: Scale
+) -> tuple[Array, Array]:
+    """Return the present goals (m, g) of some rows and the rewards (m,) of what is achieved (m, g).
+
+    In the rows that have stepped, one entry each like those of `is_unstable`, time goes on and what is held is counted
+    anew; an unstable state, or one whose stability is lost, holds nothing.
+    """
+    desired, rewards = np.empty_like(achieved), np.empty(rows.shape[0])
+    period = pursuit.goals.shape[1]
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        pursuit.elapsed[row] += has_stepped[k]
+        phase = pursuit.elapsed[row] % period if period > 1 else 0
+        for j in range(desired.shape[1]):
+            desired[k, j] = pursuit.goals[row, phase, j]
+        distance = _distance(achieved, desired, k, scale.weights)
+        rewards[k] = _reward(distance, scale)
+        if has_stepped[k]:
+            pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_unstable[k] else 0
+    return desired, rewards
+
+
+@kernel
+def poses_seen(x: Array, leg_count: int) -> Array:
+    """Return the poses of states (n, 2 legs + d) as agents see them, (n, 2 or 4): (x, y), and (cos phi, sin phi)."""
+    pose = 2 * leg_count
+    is_platform = x.shape[1] - pose == 3
+    seen = np.empty((x.shape[0], 4 if is_platform else 2))
+    for row in range(x.shape[0]):
+        seen[row, 0], seen[row, 1] = x[row, pose], x[row, pose + 1]
+        if is_platform:
+            seen[row, 2], seen[row, 3] = math.cos(x[row, pose + 2]), math.sin(x[row, pose + 2])
+    return seen

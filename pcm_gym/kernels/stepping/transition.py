@@ -1,0 +1,192 @@
+"""One step of many mechanisms at once: increments of the inputs in, tracked states, costs and features out."""
+
+import numpy as np
+
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.branches.continuation import NONE, SOLVER_FAILURE, judge, make_line
+from pcm_gym.kernels.lockstep import lanes
+from pcm_gym.kernels.lockstep.lanes import LANES, Block, make_block, rest_block, step_block
+from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, set_way_point, store_lane
+from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.statics.margin import singularity_margin
+from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.stepping.features import see_block, set_features
+from pcm_gym.kernels.stepping.report import Report, StepRules, make_seen, report_lane, report_row
+
+
+@kernel
+def step_batch(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    actions: Array,
+    rules: StepRules,
+    report: Report,
+) -> None:
+    """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times the stride, in place.
+
+    Inputs beyond an actuator's limit are cut. Rows that would lose stability do as the rules say, see `instability`.
+    A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
+    which others are stepped with it.
+    """
+    block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
+    is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
+    for first in range(0, rows.shape[0], LANES):
+        count = min(LANES, rows.shape[0] - first)
+        for lane in range(count):
+            row = rows[first + lane]
+            is_cut[lane] = _set_target(legs, states.inputs, actions, row, rules.stride, target)
+            load_lane(states, row, target, block, lane)
+        computed = step_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        for lane in range(count):
+            row = rows[first + lane]
+            if block.common[lanes.IS_SOUND + lane] == 0.0:
+                refused[refused_count] = row
+                refused_count += 1
+                continue
+            store_lane(states, row, block, lane)
+            report_lane(row, block, lane, seen, is_cut[lane], rules, report)
+    if refused_count > 0:
+        _step_refused(legs, states, refused[:refused_count], actions, rules, report, block)
+
+
+@kernel
+def _step_refused(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    actions: Array,
+    rules: StepRules,
+    report: Report,
+    block: Block,
+) -> None:
+    """Do what `step_batch` does in rows whose step over the whole way is refused: by parts of it, or else alone."""
+    count = rows.shape[0]
+    targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
+    for k in range(count):
+        is_cut[k] = _set_target(legs, states.inputs, actions, rows[k], rules.stride, targets[k])
+    has_arrived = _step_in_parts(legs, states, rows, targets, block)
+    _tell(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
+    step_alone(legs, states, rows[~has_arrived], actions, rules, report)
+
+
+@kernel
+def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, block: Block) -> Mask:
+    """Move rows to the inputs `targets` (m, legs), one each, in lock-step but by parts of the way, halved and doubled.
+
+    Parts are chosen as `track` chooses them, down to `LEAST_PART`. Return which rows have arrived; the others are as
+    they were.
+    """
+    count = rows.shape[0]
+    own = States(states.x[rows], states.inputs[rows], states.load[rows])
+    goal, done, part = np.empty(legs.shape[0]), np.zeros(count), np.full(count, 0.5)
+    going, going_count = np.arange(count), count
+    while going_count > 0:
+        left = 0
+        for first in range(0, going_count, LANES):
+            here = min(LANES, going_count - first)
+            for lane in range(here):
+                k = going[first + lane]
+                set_way_point(states.inputs[rows[k]], targets[k], done[k] + part[k], goal)
+                load_lane(own, k, goal, block, lane)
+            step_block(legs, block, here, states.load.shape[1])
+            for lane in range(here):
+                k = going[first + lane]
+                if block.common[lanes.IS_SOUND + lane] == 0.0:
+                    part[k] *= 0.5
+                else:
+                    store_lane(own, k, block, lane)
+                    done[k] += part[k]
+                    part[k] = min(2.0 * part[k], 1.0 - done[k])
+                if done[k] < 1.0 and part[k] >= LEAST_PART:
+                    going[left] = k
+                    left += 1
+        going_count = left
+    has_arrived: Mask = done == 1.0
+    for k in np.flatnonzero(has_arrived):
+        states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
+    return has_arrived
+
+
+@kernel
+def step_alone(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    actions: Array,
+    rules: StepRules,
+    report: Report,
+) -> None:
+    """Do what `step_batch` does, row by row, with all that `track` can do."""
+    size = states.x.shape[1]
+    line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
+    x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
+    for row in rows:
+        x, inputs, load = states.x[row], states.inputs[row], states.load[row]
+        x_start[:], inputs_start[:] = x, inputs
+        is_cut = _set_target(legs, states.inputs, actions, row, rules.stride, target)
+        tracked = advance(legs, x, inputs, load, target, rules.behaviour, line, work)
+        if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
+            x[:], inputs[:] = x_start, inputs_start
+            set_inputs(legs, inputs, work)
+            evaluate_rods(legs, x, work)
+            tracked = judge(legs, x, load, tracked.event, 0.0, work)
+        set_features(legs, x, inputs, work, report.features[row])
+        report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
+
+
+@kernel
+def describe_batch(legs: Array, states: States, rows: Integers, report: Report) -> None:
+    """Fill `report` in some rows, for states at rest: no costs, no event."""
+    is_cut = np.zeros(rows.shape[0], np.bool_)
+    at_rest = StepRules(np.ones(legs.shape[0]), TERMINATE, 0.0)
+    _tell(legs, states, rows, is_cut, at_rest, report, make_block(legs.shape[0]))
+    for row in rows:
+        report.costs[:, row] = 0.0
+
+
+@kernel
+def _tell(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    is_cut: Mask,
+    rules: StepRules,
+    report: Report,
+    block: Block,
+) -> None:
+    """Fill `report` in rows that have gone the whole way to where they are."""
+    seen, work = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1])
+    for first in range(0, rows.shape[0], LANES):
+        count = min(LANES, rows.shape[0] - first)
+        for lane in range(count):
+            row = rows[first + lane]
+            load_lane(states, row, states.inputs[row], block, lane)
+        computed = rest_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        for lane in range(count):
+            row, is_here_cut = rows[first + lane], is_cut[first + lane]
+            if block.common[lanes.IS_SOUND + lane] == 0.0:
+                x, inputs = states.x[row], states.inputs[row]
+                set_inputs(legs, inputs, work)
+                evaluate_rods(legs, x, work)
+                tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
+                set_features(legs, x, inputs, work, report.features[row])
+                margin = singularity_margin(legs, x, work)
+                report_row(row, tracked, margin, is_here_cut, rules, report)
+            else:
+                report_lane(row, block, lane, seen, is_here_cut, rules, report)
+
+
+@formula
+def _set_target(legs: Array, inputs: Array, actions: Array, row: int, stride: Array, target: Array) -> bool:
+    """Set the inputs that an action leads to; return whether they are cut at a limit."""
+    is_cut = False
+    for i in range(legs.shape[0]):
+        wish = inputs[row, i] + min(max(actions[row, i], -1.0), 1.0) * stride[i]
+        target[i] = min(max(wish, legs[i, LOWER]), legs[i, UPPER])
+        is_cut = is_cut or target[i] != wish
+    return is_cut

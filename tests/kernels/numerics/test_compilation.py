@@ -1,0 +1,140 @@
+"""Compiling says what it does, once, and is done anew after every change of a kernel."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pcm_gym.kernels.numerics import cache
+
+ROOT = Path(__file__).parents[3]
+COMPILE_ONE = "from pcm_gym.kernels.rods.elliptic import quarter_period; print(quarter_period(1.0))"
+
+
+def run(folder_of_cache: Path, folder: Path = ROOT, code: str = COMPILE_ONE, **variables: str) -> tuple[str, str]:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder_of_cache), **variables}
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=environment, capture_output=True, text=True, check=True
+    )
+    return result.stdout, result.stderr
+
+
+def test_first_compilation_is_announced_on_standard_error_and_no_other(tmp_path: Path) -> None:
+    first, second = run(tmp_path), run(tmp_path)
+    assert first[0] == second[0] == "1.5707963267948966\n"
+    assert first[1].startswith("pcm_gym: compiling the kernels")
+    assert first[1].count("\n") == 1
+    assert str(tmp_path) in first[1]
+    assert second[1] == ""
+
+
+def test_nothing_is_announced_without_compilation(tmp_path: Path) -> None:
+    assert run(tmp_path, NUMBA_DISABLE_JIT="1") == ("1.5707963267948966\n", "")
+    assert run(tmp_path, code="import pcm_gym") == ("", "")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_change_of_a_called_kernel_is_never_missed(tmp_path: Path) -> None:
+    """Numba's own cache looks at the file of the caller alone."""
+    package = tmp_path / "pcm_gym" / "kernels"
+    for folder in (package.parent, package, package / "numerics", package / "room"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "__init__.py").touch()
+    for name in ("cache", "compilation"):
+        shutil.copy(ROOT / "pcm_gym" / "kernels" / "numerics" / f"{name}.py", package / "numerics")
+    header = "from pcm_gym.kernels.numerics.compilation import kernel\n"
+    caller = "from pcm_gym.kernels.room.below import below\n\n\n@kernel\ndef above(x):\n    return 10.0 * below(x)\n"
+    (package / "above.py").write_text(header + caller)
+    for factor in (2.0, 3.0):
+        (package / "room" / "below.py").write_text(f"{header}\n\n@kernel\ndef below(x):\n    return {factor} * x\n")
+        printed, _ = run(tmp_path / "cache", tmp_path, "from pcm_gym.kernels.above import above; print(above(1.0))")
+        assert float(printed) == 10.0 * factor
+
+
+@pytest.fixture
+def copied_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "kernels"
+    shutil.copytree(ROOT / "pcm_gym" / "kernels", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(cache, "_KERNEL_FOLDER", folder)
+    return folder
+
+
+def modules_below(name: str) -> set[str]:
+    """Return the kernel modules that are loaded when a fresh interpreter imports one."""
+    code = (
+        "import sys, types, pathlib\n"
+        "package = types.ModuleType('pcm_gym'); package.__path__ = ['pcm_gym']; sys.modules['pcm_gym'] = package\n"
+        f"import pcm_gym.kernels.{name}\n"
+        "kernels = (m.removeprefix('pcm_gym.kernels.') for m in sys.modules if m.startswith('pcm_gym.kernels.'))\n"
+        "print(*(name for name in kernels if '.' in name))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["rods.rod", "numerics.linear", "branches.continuation", "enumeration.forward_search", "stepping.transition"],
+)
+def test_digest_depends_on_exactly_the_modules_that_an_import_loads(name: str, copied_kernels: Path) -> None:
+    expected = modules_below(name)
+    assert len(expected) > 1
+    source = copied_kernels.joinpath(*name.split(".")).with_suffix(".py")
+    for path in sorted(copied_kernels.glob("*/[a-z]*.py")):
+        before = cache.source_digest(source)
+        cache._imported.cache_clear()
+        path.write_text(path.read_text() + "# \n")
+        module = f"{path.parent.name}.{path.stem}"
+        assert (cache.source_digest(source) != before) == (module in expected), module
+
+
+def test_digest_depends_on_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = ROOT / "pcm_gym" / "kernels" / "rods" / "elliptic.py"
+    before = cache.source_digest(source)
+    monkeypatch.setattr(cache.numba, "__version__", "0.0")
+    assert cache.source_digest(source) != before
+
+
+def test_cache_is_where_the_environment_says_or_in_the_users_cache(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert cache.cache_root() == tmp_path
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert cache.cache_root().name == "pcm_gym"
+
+
+def test_equal_sources_elsewhere_are_not_compiled_again(tmp_path: Path) -> None:
+    for place in ("one", "another"):
+        shutil.copytree(ROOT / "pcm_gym", tmp_path / place / "pcm_gym", ignore=shutil.ignore_patterns("__pycache__"))
+    first, second = (run(tmp_path / "cache", tmp_path / place) for place in ("one", "another"))
+    assert first[0] == second[0]
+    assert "compiling" in first[1]
+    assert second[1] == ""
+
+
+def test_damaged_cache_is_made_again(tmp_path: Path) -> None:
+    run(tmp_path)
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} == {".nbi", ".nbc"}
+    for path in files:
+        path.write_bytes(path.read_bytes()[:40])
+    printed, said = run(tmp_path)
+    assert printed == "1.5707963267948966\n"
+    assert said.count("\n") == 1
+    assert run(tmp_path) == (printed, "")
+
+
+def test_cache_that_cannot_be_written_is_done_without_and_that_is_said_once(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    printed, said = run(tmp_path / "file")
+    assert printed == "1.5707963267948966\n"
+    assert said.count("cannot be kept") == 1
+
+
+def test_nobody_else_may_write_into_the_cache(tmp_path: Path) -> None:
+    run(tmp_path / "cache", code="import os; os.umask(0)\n" + COMPILE_ONE)
+    assert [oct(path.stat().st_mode & 0o077) for path in (tmp_path / "cache").iterdir()] == ["0o0"]
