@@ -22,6 +22,7 @@ from pcm_gym.kernels.statics.closure import (
     UPPER,
     Workspace,
     evaluate_rods,
+    place,
     set_inputs,
     set_matrix,
     set_path_derivative,
@@ -163,8 +164,7 @@ def track(
     for d in range(load.shape[0]):
         load[d] = load_target[d] if fraction == 1.0 else line.load_start[d] + fraction * line.load_rate[d]
     if event != NONE:  # else the rod table is that of x already
-        set_inputs(legs, inputs, work)
-        evaluate_rods(legs, x, work)
+        place(legs, x, inputs, work)
     elif reach < 1.0:
         event = ACTUATOR_LIMIT
     return judge(legs, x, load, event, fraction, work)

@@ -21,9 +21,8 @@ from pcm_gym.kernels.statics.closure import (
     TIP_G,
     Workspace,
     add_input_derivative,
-    evaluate_rods,
     make_workspace,
-    set_inputs,
+    place,
     set_inverse_matrix,
     set_matrix,
 )
@@ -40,8 +39,7 @@ _DIFFERENCE = 1e-5
 def set_unknowns(legs: Array, y: Array, work: Workspace) -> None:
     """Place the clamps and fill the rod table for the unknowns `y`."""
     size = y.shape[0] - legs.shape[0]
-    set_inputs(legs, y[size:], work)
-    evaluate_rods(legs, y[:size], work)
+    place(legs, y[:size], y[size:], work)
 
 
 @kernel

@@ -27,7 +27,7 @@ from pcm_gym.kernels.numerics.rasters import (
     neighbour,
     set_node,
 )
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.kernels.statics.stability import assess_stability
@@ -136,8 +136,7 @@ def _step_to_pose(problem: Problem, x: Array, inputs: Array, target: Array) -> f
             return -1.0
     if _largest_load(x, leg_count) > problem.rho_max**2:
         return -1.0
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+    place(legs, x, inputs, work)
     verdict = assess_stability(legs, x, work)
     return verdict.stability_margin if verdict.morse_index == 0 else -1.0
 

@@ -19,7 +19,7 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
 from pcm_gym.kernels.snaps.instability import advance, is_instability
-from pcm_gym.kernels.statics.closure import Workspace, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import States, are_same
@@ -232,8 +232,7 @@ def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
     work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
     found = np.zeros(x.shape[0])
     for n in range(x.shape[0]):
-        set_inputs(legs, inputs[n], work)
-        evaluate_rods(legs, x[n], work)
+        place(legs, x[n], inputs[n], work)
         if set_forward_jacobian(legs, x[n], work, jacobian):
             found[n] = abs(determinant(jacobian, leg_count))
     return found

@@ -8,14 +8,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant, solve_linear
-from pcm_gym.kernels.statics.closure import (
-    TURN,
-    Workspace,
-    evaluate_rods,
-    set_inputs,
-    set_inverse_matrix,
-    solve_equilibrium_system,
-)
+from pcm_gym.kernels.statics.closure import TURN, Workspace, place, set_inverse_matrix, solve_equilibrium_system
 from pcm_gym.kernels.statics.newton import (
     CONVERGED,
     NewtonRules,
@@ -101,8 +94,7 @@ def correct_and_keep(
 @kernel
 def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> int:
     """Return what differs on the two sides of a fold: the Morse index, at a given pose also the side itself."""
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+    place(legs, x, inputs, work)
     index = assess_stability(legs, x, work).morse_index
     if not is_inverse:
         return index
@@ -180,8 +172,7 @@ def _move(x: Array, inputs: Array, distance: float, direction: Array, is_inverse
 def _set_soft_step(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> float:
     """Fill `work.vector` with the response to some errors, near a fold along its soft direction; return its size."""
     size, pose = x.shape[0], 2 * legs.shape[0]
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+    place(legs, x, inputs, work)
     for row in range(size):
         work.residual[row] = 1.0 / (1.0 + row)
     if not is_inverse:

@@ -16,7 +16,7 @@ from pcm_gym.kernels.branches.continuation import (
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.falls import fall
 from pcm_gym.kernels.snaps.relaxation import LANDED, STAYED
-from pcm_gym.kernels.statics.closure import Workspace, evaluate_rods, set_inputs
+from pcm_gym.kernels.statics.closure import Workspace, place
 
 # The behaviours.
 TERMINATE, HOLD, SNAP, CONTINUE = range(4)
@@ -93,8 +93,7 @@ def _stand_still(
     legs: Array, x: Array, inputs: Array, load: Array, event: int, fraction: float, work: Workspace
 ) -> Tracked:
     """Return the verdict on a state whose rod table may be another one's; near a singular point a step could fail."""
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+    place(legs, x, inputs, work)
     return judge(legs, x, load, event, fraction, work)
 
 

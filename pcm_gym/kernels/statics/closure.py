@@ -98,6 +98,13 @@ def evaluate_rods(legs: Array, x: Array, work: Workspace) -> None:
         rods[i, HALF_PERIODS] = point.half_periods
 
 
+@kernel
+def place(legs: Array, x: Array, inputs: Array, work: Workspace) -> None:
+    """Fill the rod table of `work` for the state `x` at these inputs, clamps included: all that follows reads it."""
+    set_inputs(legs, inputs, work)
+    evaluate_rods(legs, x, work)
+
+
 @formula
 def turned(c: float, s: float, x: float, y: float) -> tuple[float, float]:
     """Return the vector (x, y) turned by the angle with cosine c and sine s, or the scaled vector if c, s are."""

@@ -10,8 +10,8 @@ from pcm_gym.kernels.statics.closure import (
     STIFFNESS,
     Workspace,
     add_input_derivative,
-    evaluate_rods,
     make_workspace,
+    place,
     set_inputs,
     set_residual,
     solve_equilibrium_system,
@@ -66,8 +66,7 @@ def describe_equilibrium(
     size, leg_count = x.shape[0], legs.shape[0]
     dof = size - 2 * leg_count
     work = make_workspace(leg_count, size)
-    set_inputs(legs, inputs, work)
-    evaluate_rods(legs, x, work)
+    place(legs, x, inputs, work)
     closure_error, force_error = set_residual(legs, x, load, work)
     rods = np.zeros((leg_count, 6))
     for i in range(leg_count):

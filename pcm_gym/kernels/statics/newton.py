@@ -15,6 +15,7 @@ from pcm_gym.kernels.statics.closure import (
     Workspace,
     derivatives,
     evaluate_rods,
+    place,
     set_inputs,
     set_inverse_matrix,
     set_residual,
@@ -120,8 +121,7 @@ def solve_inverse_locally(
     pose, size = 2 * legs.shape[0], x.shape[0]
     previous = math.inf
     for iteration in range(rules.iterations):
-        set_inputs(legs, inputs, work)
-        evaluate_rods(legs, x, work)
+        place(legs, x, inputs, work)
         set_residual(legs, x, load, work)
         set_inverse_matrix(legs, x, work)
         for row in range(size):

@@ -9,7 +9,7 @@ from pcm_gym.kernels.lockstep.lanes import LANES, Block, make_block, rest_block,
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, set_way_point, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, evaluate_rods, make_workspace, set_inputs
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.features import see_block, set_features
@@ -131,8 +131,7 @@ def step_alone(
         tracked = advance(legs, x, inputs, load, target, rules.behaviour, line, work)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
-            set_inputs(legs, inputs, work)
-            evaluate_rods(legs, x, work)
+            place(legs, x, inputs, work)
             tracked = judge(legs, x, load, tracked.event, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
         report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
@@ -171,8 +170,7 @@ def _tell(
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
             if block.common[lanes.IS_SOUND + lane] == 0.0:
                 x, inputs = states.x[row], states.inputs[row]
-                set_inputs(legs, inputs, work)
-                evaluate_rods(legs, x, work)
+                place(legs, x, inputs, work)
                 tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
                 set_features(legs, x, inputs, work, report.features[row])
                 margin = singularity_margin(legs, x, work)
