@@ -1,4 +1,4 @@
-"""The command line: ``python -m benchmarks`` with ``environments``, ``kinematics``, ``peers`` or ``endurance``."""
+"""The command line: ``python -m benchmarks`` with one of its commands; ``--help`` lists them."""
 
 import itertools
 import json
@@ -15,6 +15,7 @@ from rich.progress import Progress
 
 import pcm_gym
 from benchmarks import report
+from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.endurance import endure, read_cases, write_cases
 from benchmarks.kinematics import solve_and_search, table_cost
@@ -173,6 +174,40 @@ def endurance(
         console.print(f"{write_cases(cases_path, tallies)} steps kept in {cases_path}; --replay repeats them")
     if any(tally.contradictions for tally in tallies):
         raise typer.Exit(1)
+
+
+@app.command()
+def against(
+    checkout: Annotated[Path, typer.Argument(help="Root of the other checkout, as `git worktree add` makes one.")],
+    only: Annotated[str, typer.Option(help="Only measures whose name holds this.")] = "",
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of each measurement.")] = 10,
+    json_path: JsonPath = None,
+) -> None:
+    """Time this checkout and another one in turn: batches, single environments, forward and inverse sets.
+
+    The first run compiles the kernels of both. A checkout is best compared with itself first: what is seen then is what
+    the machine adds.
+    """
+    console, machine = _start()
+    try:
+        mine, other = Checkout(HERE), Checkout(checkout.resolve())
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="CHECKOUT") from error
+    chosen = [name for name in mine.measures if only in name]
+    if not chosen:
+        raise typer.BadParameter(f"must be part of one of {mine.measures}, got {only!r}", param_hint="--only")
+    ratios = {}
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("pairs", total=len(chosen) * pairs)
+        for name in chosen:
+            progress.update(task, description=name)
+            ratios[name] = paired_ratios(name, mine, other, pairs, lambda: progress.advance(task))
+    for own in (mine, other):
+        own.close()
+    print_ratios(console, ratios)
+    if json_path is not None:
+        json_path.write_text(json.dumps({"machine": machine, "ratios": ratios}, indent=2) + "\n")
+        console.print(f"Figures written to {json_path}")
 
 
 def _start() -> tuple[Console, dict[str, str]]:

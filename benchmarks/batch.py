@@ -17,7 +17,7 @@ from pcm_gym.kernels.lockstep.lanes import IS_SOUND, LANES, judge_block, make_bl
 from pcm_gym.kernels.lockstep.rows import load_lane
 from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.report import COST_ROWS, VERDICT_ROWS, Report
+from pcm_gym.kernels.stepping.report import COST_ROWS, VERDICT_ROWS, Moves, Report
 from pcm_gym.kernels.stepping.transition import step_alone, step_batch
 from pcm_gym.tasks import observation_elements
 
@@ -135,10 +135,11 @@ def step_parts(environment_id: str) -> Measure:
     env.reset(seed=0)
     simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.rows.states))
-    legs, rules = model.leg_table, simulation.settings.rules
+    legs, stride, rules = model.leg_table, simulation.settings.stride, simulation.settings.rules
     lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
-    targets = np.clip(start.inputs + actions * rules.stride, lower, upper)
+    targets = np.clip(start.inputs + actions * stride, lower, upper)
+    moves = Moves(actions, stride)
     feature_count = len(observation_elements(model))
     report = Report(np.empty((VERDICT_ROWS, _ROWS)), np.empty((COST_ROWS, _ROWS)), np.empty((_ROWS, feature_count)))
     refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
@@ -149,9 +150,9 @@ def step_parts(environment_id: str) -> Measure:
         "blocks": lambda: _in_blocks(legs, states, targets, refused, 0),
         "verdicts": lambda: _in_blocks(legs, states, targets, refused, 2 * _REPEATS),
         "loading": lambda: _in_blocks(legs, states, targets, refused, -1),
-        "refused": lambda: step_batch(legs, states, refused_rows, actions, rules, report),
-        "kernel": lambda: step_batch(legs, states, every_row, actions, rules, report),
-        "all_alone": lambda: step_alone(legs, states, every_row, actions, rules, report),
+        "refused": lambda: step_batch(legs, states, refused_rows, moves, rules, report),
+        "kernel": lambda: step_batch(legs, states, every_row, moves, rules, report),
+        "all_alone": lambda: step_alone(legs, states, every_row, moves, rules, report),
         "total": lambda: env.step(actions),
     }
 

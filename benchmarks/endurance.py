@@ -22,7 +22,7 @@ from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
-from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE, StepRules
+from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE, Moves, StepRules
 from pcm_gym.kernels.stepping.transition import step_batch
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import Equilibrium, Event, solve_forward
@@ -187,12 +187,12 @@ class _Drivers:
         legs, result = simulation.settings.mechanism.leg_table, self._corner.copy()
         for leg in range(result.shape[1]):
             margins = []
-            rules = StepRules(simulation.settings.stride, TERMINATE, 1.0)
+            rules = StepRules(TERMINATE, 1.0)
             for sign in (1.0, -1.0):
                 states, report = States(*(array.copy() for array in simulation.rows.states)), simulation._empty_report()
                 ahead = np.zeros(self._shape)
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                step_batch(legs, states, rows, ahead, rules, report)
+                step_batch(legs, states, rows, Moves(ahead, simulation.settings.stride), rules, report)
                 is_lost = report.costs[UNSTABLE, rows] > 0.0
                 margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN, rows]))
             slope = margins[0] - margins[1]

@@ -136,8 +136,8 @@ class Settings:
 
     @property
     def rules(self) -> StepRules:
-        """What the kernels know of a step."""
-        return StepRules(self.stride, BEHAVIOURS[self.on_instability], self.singular_margin)
+        """What comes of a step, for the kernels."""
+        return StepRules(BEHAVIOURS[self.on_instability], self.singular_margin)
 
     @property
     def load_varies(self) -> bool:

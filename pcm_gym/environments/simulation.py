@@ -13,7 +13,7 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
 from pcm_gym.kernels.stepping.goals import pursue
-from pcm_gym.kernels.stepping.report import COST_ROWS, EVENT, FRACTION, LIMIT, LOST, SOLVER, VERDICT_ROWS, Report
+from pcm_gym.kernels.stepping.report import COST_ROWS, EVENT, FRACTION, LIMIT, LOST, SOLVER, VERDICT_ROWS, Moves, Report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
@@ -122,13 +122,13 @@ class Simulation:
         return self._outcome(rows, chosen, np.zeros(len(rows), dtype=np.bool_), generators)
 
     def _step_jobs(self, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
-        states, jobs = self.rows.states, []
+        states, aims, jobs = self.rows.states, Moves(moves, self._stride), []
         for scene, members in self._by_scene(rows):
 
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], moves, self._rules, report)
+                step_batch(legs, states, chosen[first:last], aims, self._rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs

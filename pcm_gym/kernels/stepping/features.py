@@ -120,9 +120,10 @@ def _rod_features(
 
 
 @formula
-def set_stability_features(features: Array, row: int, is_stable: bool, stability_margin: float, margin: float) -> None:
-    """Fill the features of a row that tell of its stability."""
-    n = features.shape[1] - STABILITY_FEATURES
-    features[row, n] = 1.0 if is_stable else 0.0
-    features[row, n + 1] = stability_margin / (_STIFFNESS_SCALE + abs(stability_margin))
-    features[row, n + 2] = margin / (_DISTANCE_SCALE + margin)
+def stability_features(is_unstable: bool, stability_margin: float, margin: float) -> tuple[float, float, float]:
+    """Return the features of a state that tell of its stability."""
+    return (
+        0.0 if is_unstable else 1.0,
+        stability_margin / (_STIFFNESS_SCALE + abs(stability_margin)),
+        margin / (_DISTANCE_SCALE + margin),
+    )

@@ -10,7 +10,7 @@ from pcm_gym.kernels.lockstep import lanes
 from pcm_gym.kernels.lockstep.lanes import LANES, Block, residual
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import CONTINUE, TERMINATE, is_instability
-from pcm_gym.kernels.stepping.features import set_stability_features
+from pcm_gym.kernels.stepping.features import STABILITY_FEATURES, stability_features
 
 # Rows of the verdicts on states, one column per environment.
 MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION, LOST = range(7)
@@ -20,10 +20,16 @@ UNSTABLE, SINGULAR, LIMIT, SOLVER = range(4)
 COST_ROWS = 4
 
 
-class StepRules(NamedTuple):
-    """What the agent's actions mean, and what comes of a step."""
+class Moves(NamedTuple):
+    """Where the rows are to go: their inputs change by the actions, cut to [-1, 1], times the stride."""
 
+    actions: Array  # (n, legs)
     stride: Array  # (legs,): increment of each input for an action of 1
+
+
+class StepRules(NamedTuple):
+    """What comes of a step. Numbers alone: a record with arrays costs at every call that is not inlined."""
+
     behaviour: int  # where stability is lost, see `instability`
     singular_margin: float  # states with a smaller singularity margin cost `SINGULAR`
 
@@ -81,7 +87,7 @@ def report_row(
     report: Report,
 ) -> None:
     """Fill verdict and costs of a row, and the features that tell of its stability."""
-    verdicts, costs = report.verdicts, report.costs
+    verdicts, costs, features = report.verdicts, report.costs, report.features
     is_unstable = tracked.morse_index > 0
     costs[UNSTABLE, row] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
     costs[SINGULAR, row] = 1.0 if margin < rules.singular_margin else 0.0
@@ -93,9 +99,11 @@ def report_row(
     verdicts[RESIDUAL, row] = tracked.residual
     verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdicts[FRACTION, row] = tracked.fraction
-    verdicts[LOST, row] = 1.0 if _ends(tracked.event, rules.behaviour) else 0.0
-    is_stable = not (is_unstable or verdicts[LOST, row] > 0.0)
-    set_stability_features(report.features, row, is_stable, tracked.stability_margin, margin)
+    is_lost = _ends(tracked.event, rules.behaviour)
+    verdicts[LOST, row] = 1.0 if is_lost else 0.0
+    n = features.shape[1] - STABILITY_FEATURES
+    shown = stability_features(is_unstable | is_lost, tracked.stability_margin, margin)
+    features[row, n], features[row, n + 1], features[row, n + 2] = shown
 
 
 @formula

@@ -13,7 +13,7 @@ from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.features import see_block, set_features
-from pcm_gym.kernels.stepping.report import Report, StepRules, make_seen, report_lane, report_row
+from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, make_seen, report_lane, report_row
 
 
 @kernel
@@ -21,23 +21,24 @@ def step_batch(
     legs: Array,
     states: States,
     rows: Integers,
-    actions: Array,
+    moves: Moves,
     rules: StepRules,
     report: Report,
 ) -> None:
-    """Move the inputs of some rows by their actions (n, legs), cut to [-1, 1], times the stride, in place.
+    """Move the inputs of some rows in place.
 
     Inputs beyond an actuator's limit are cut. Rows that would lose stability do as the rules say, see `instability`.
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
     which others are stepped with it.
     """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
+    actions, stride = moves.actions, moves.stride
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
             row = rows[first + lane]
-            is_cut[lane] = _set_target(legs, states.inputs, actions, row, rules.stride, target)
+            is_cut[lane] = _set_target(legs, states.inputs, actions, row, stride, target)
             load_lane(states, row, target, block, lane)
         computed = step_block(legs, block, count, states.load.shape[1])
         see_block(legs, block, count, computed, states.load.shape[1], seen)
@@ -50,7 +51,7 @@ def step_batch(
             store_lane(states, row, block, lane)
             report_lane(row, block, lane, seen, is_cut[lane], rules, report)
     if refused_count > 0:
-        _step_refused(legs, states, refused[:refused_count], actions, rules, report, block)
+        _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
 
 
 @kernel
@@ -58,7 +59,7 @@ def _step_refused(
     legs: Array,
     states: States,
     rows: Integers,
-    actions: Array,
+    moves: Moves,
     rules: StepRules,
     report: Report,
     block: Block,
@@ -67,10 +68,10 @@ def _step_refused(
     count = rows.shape[0]
     targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
     for k in range(count):
-        is_cut[k] = _set_target(legs, states.inputs, actions, rows[k], rules.stride, targets[k])
+        is_cut[k] = _set_target(legs, states.inputs, moves.actions, rows[k], moves.stride, targets[k])
     has_arrived = _step_in_parts(legs, states, rows, targets, block)
     _tell(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
-    step_alone(legs, states, rows[~has_arrived], actions, rules, report)
+    step_alone(legs, states, rows[~has_arrived], moves, rules, report)
 
 
 @kernel
@@ -116,7 +117,7 @@ def step_alone(
     legs: Array,
     states: States,
     rows: Integers,
-    actions: Array,
+    moves: Moves,
     rules: StepRules,
     report: Report,
 ) -> None:
@@ -127,7 +128,7 @@ def step_alone(
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
-        is_cut = _set_target(legs, states.inputs, actions, row, rules.stride, target)
+        is_cut = _set_target(legs, states.inputs, moves.actions, row, moves.stride, target)
         tracked = advance(legs, x, inputs, load, target, rules.behaviour, line, work)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
@@ -141,7 +142,7 @@ def step_alone(
 def describe_batch(legs: Array, states: States, rows: Integers, report: Report) -> None:
     """Fill `report` in some rows, for states at rest: no costs, no event."""
     is_cut = np.zeros(rows.shape[0], np.bool_)
-    at_rest = StepRules(np.ones(legs.shape[0]), TERMINATE, 0.0)
+    at_rest = StepRules(TERMINATE, 0.0)
     _tell(legs, states, rows, is_cut, at_rest, report, make_block(legs.shape[0]))
     for row in rows:
         report.costs[:, row] = 0.0

@@ -17,7 +17,7 @@ from pcm_gym.kernels.numerics import threads
 from pcm_gym.kernels.rods.elliptic import sine_and_cosine
 from pcm_gym.kernels.rods.rod import RodPoint, rod, rod_in_lanes
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.report import EVENT, FRACTION, MORSE_INDEX, RESIDUAL, Report
+from pcm_gym.kernels.stepping.report import EVENT, FRACTION, MORSE_INDEX, RESIDUAL, Moves, Report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_alone, step_batch
 from pcm_gym.solving.tracking import EVENTS
 from tests.environments.rollouts import digest
@@ -110,7 +110,7 @@ def stepped(simulation: Simulation, states: States, actions: np.ndarray, blocks:
     settings = simulation.settings
     report = simulation._empty_report()
     for rows in blocks:
-        step_batch(settings.mechanism.leg_table, states, rows, actions, settings.rules, report)
+        step_batch(settings.mechanism.leg_table, states, rows, Moves(actions, settings.stride), settings.rules, report)
     return report
 
 
@@ -124,7 +124,9 @@ def test_states_at_rest_are_described_as_rows_that_stand_still_alone(name: str) 
     states = States(*(np.append(a, b, axis=0) for a, b in zip(states, home.at_equilibrium(home.home, 1), strict=True)))
     found, expected = (Simulation(settings, 201)._empty_report() for _ in range(2))
     describe_batch(legs, states, rows, found)
-    step_alone(legs, states, rows, still, settings.rules._replace(singular_margin=0.0), expected)
+    step_alone(
+        legs, states, rows, Moves(still, settings.stride), settings.rules._replace(singular_margin=0.0), expected
+    )
     np.testing.assert_array_equal(found.verdicts[MORSE_INDEX], expected.verdicts[MORSE_INDEX])
     np.testing.assert_array_equal(found.verdicts[EVENT], expected.verdicts[EVENT])
     assert found.verdicts[RESIDUAL].max() < 1e-11
@@ -142,16 +144,16 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
     count, generator = 300, np.random.default_rng(2)
     simulation = simulation_of(name, count, is_loaded=is_loaded)
     mechanism = simulation.settings.mechanism
-    legs, rules = mechanism.leg_table, simulation.settings.rules
+    legs, settings = mechanism.leg_table, simulation.settings
     held = generator.choice([-1.0, 1.0], (count, mechanism.leg_count))
     events, same = np.zeros(len(EVENTS), dtype=int), 0
     for _ in range(30):
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
         alone, expected, found = copied(simulation.rows.states), simulation._empty_report(), simulation._empty_report()
         for chosen, factor in ((np.arange(1, count, 2), 1.0), (np.arange(0, count, 2), 2.0)):
-            own = rules._replace(stride=factor * rules.stride)
-            step_batch(legs, simulation.rows.states, chosen, actions, own, found)
-            step_alone(legs, alone, chosen, actions, own, expected)
+            moves = Moves(actions, factor * settings.stride)
+            step_batch(legs, simulation.rows.states, chosen, moves, settings.rules, found)
+            step_alone(legs, alone, chosen, moves, settings.rules, expected)
         for row in (MORSE_INDEX, EVENT):
             np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
         np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)
