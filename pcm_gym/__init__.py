@@ -41,6 +41,8 @@ from pcm_gym.solving import (
 )
 from pcm_gym.tasks import Element, observation_elements
 
+__version__ = "0.1.0"
+
 __all__ = [
     "Atlas",
     "Branch",
@@ -70,6 +72,7 @@ __all__ = [
     "StableStates",
     "TrackedStep",
     "UndecidedRegion",
+    "__version__",
     "build_atlas",
     "build_roadmap",
     "environment_ids",
