@@ -1,5 +1,8 @@
 """The command that trains."""
 
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -48,8 +51,19 @@ def _run(config: ExperimentConfig, run: RunFolder, *, resume: bool, force: bool)
         f"{config.num_envs} environments, {config.total_steps:,} steps, seed {config.seed}"
     )
     try:
-        steps = training.train(config, run, resume=resume, replace=force)
+        with _termination_as_interruption():
+            steps = training.train(config, run, resume=resume, replace=force)
     except KeyboardInterrupt as error:
         console.print(f"Interrupted; {run.path} can be continued with --resume.", style="yellow", soft_wrap=True)
         raise typer.Exit(code=INTERRUPTED) from error
     console.print(f"Trained for {steps:,} steps. Evaluate with: python -m agents.evaluate {run.path}", soft_wrap=True)
+
+
+@contextmanager
+def _termination_as_interruption() -> Iterator[None]:
+    """Let a request to terminate end the training as one from the keyboard does: with a snapshot."""
+    earlier = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, earlier)

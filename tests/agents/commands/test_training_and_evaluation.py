@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -117,16 +118,21 @@ def test_nothing_to_resume_is_an_error(tmp_path: Path) -> None:
     assert "nothing to resume" in refused.output
 
 
-def test_interrupted_training_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_training_can_be_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
     def interrupt(callback: Snapshots) -> bool:
         if callback.num_timesteps >= 200:
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
         return True
 
+    before = signal.getsignal(number)
     with monkeypatch.context() as patch:
         patch.setattr(Snapshots, "_on_step", interrupt)
         interrupted = command("train", write_config(tmp_path), "--runs-dir", tmp_path)
     assert interrupted.exit_code == 130
+    assert signal.getsignal(number) == before
     assert int(RunFolder(tmp_path / "small").snapshots()[-1].name) == 200
     resumed = command("train", write_config(tmp_path), "--runs-dir", tmp_path, "--resume")
     assert resumed.exit_code == 0, resumed.output
