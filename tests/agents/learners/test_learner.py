@@ -1,6 +1,7 @@
 """From plain data to a learner: arguments, snapshots, and the goal-based replay through the adapter."""
 
 import inspect
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,10 @@ def test_loaded_learner_acts_as_the_saved_one(tmp_path: Path, algorithm: str) ->
     found, _ = loaded.predict(observations, deterministic=True)
     np.testing.assert_array_equal(found, expected)
     assert expected.shape == (4, 2)
+
+
+def test_models_that_name_the_features_by_their_earlier_module_load() -> None:
+    assert pickle.loads(b"cagents.features\nGoalErrorFeatures\n.") is GoalErrorFeatures
 
 
 def test_hindsight_learns_from_rewards_that_the_batch_recomputes(tmp_path: Path) -> None:
