@@ -1,15 +1,12 @@
-"""The command ``pcm-gym``: training and evaluation under one name."""
+"""The command ``pcm-gym``, also as ``python -m agents.cli``."""
 
-import typer
-
-from agents.evaluate import evaluate
-from agents.train import train
-
-app = typer.Typer(no_args_is_help=True, help="Learn to move planar parallel continuum mechanisms.")
-app.command()(train)
-app.command()(evaluate)
+from agents.commands.app import app
 
 
 def main() -> None:
     """Run the command line."""
     app()
+
+
+if __name__ == "__main__":
+    main()

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from pcm_gym.arrays import Mask
+from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.pictures import Pictures, Workspace
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
@@ -19,6 +19,8 @@ from pcm_gym.environments.single import RENDER_FPS, Observation
 from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, whole_number
+from pcm_gym.solving import Equilibrium
+from pcm_gym.tasks import Task
 
 
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -78,6 +80,29 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._ended = np.zeros(num_envs, dtype=np.bool_)
         self._is_reset = False
         self._kept: Observation = {}
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism; where it is randomised, what its variants deviate from."""
+        return self._simulation.settings.mechanism
+
+    @property
+    def task(self) -> Task:
+        """Goals, rewards and what episodes are drawn."""
+        return self._simulation.settings.task
+
+    @property
+    def max_action(self) -> Array:
+        """Increment of each input for an action of 1, (legs,), rad or m."""
+        return self._simulation.settings.max_action.copy()
+
+    def equilibrium(self, row: int) -> Equilibrium:
+        """Return the present equilibrium of one environment."""
+        return self._simulation.equilibrium(row)
+
+    def goal(self, row: int) -> Array:
+        """Return the goal of one environment as a pose, (d,), in m and rad."""
+        return self.task.goals.pose(self._simulation.goal(row))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

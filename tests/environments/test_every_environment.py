@@ -496,6 +496,22 @@ def test_large_batch_equals_single_environment(environment_id: str) -> None:
             break
 
 
+def test_batch_tells_of_each_row_what_a_single_environment_tells(environment_id: str) -> None:
+    native, env = make_native(environment_id, 3), make_bare(environment_id)
+    native.reset(seed=20)
+    actions = sweeping_actions(5, native.action_space.shape, seed=6)
+    for action in actions:
+        native.step(action)
+    env.reset(seed=21)
+    for action in actions:
+        env.step(action[1])
+    np.testing.assert_array_equal(native.equilibrium(1).state, env.equilibrium.state)
+    np.testing.assert_array_equal(native.equilibrium(1).inputs, env.equilibrium.inputs)
+    np.testing.assert_array_equal(native.goal(1), env.goal)
+    np.testing.assert_array_equal(native.max_action, env.max_action)
+    assert native.mechanism == env.mechanism
+
+
 def test_rows_that_are_not_reset_stay_as_they_are(environment_id: str) -> None:
     env = make_native(environment_id, 4, autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=0)

@@ -1,0 +1,62 @@
+"""The controller that follows the exact Jacobian of the motion."""
+
+import numpy as np
+
+from agents.controllers.view import View
+from pcm_gym.arrays import Array
+
+
+class ResolvedRateController:
+    """Straight towards the goal through the exact Jacobian of the motion; it knows nothing of stability.
+
+    The increment of the inputs is the damped least-squares solution of ``J dq = goal - pose`` (Y. Nakamura and
+    H. Hanafusa, 1986, J. Dyn. Sys. Meas. Control 108), shortened as a whole to the largest increment allowed.
+
+    Parameters
+    ----------
+    damping
+        Damping in parts of the Jacobian's largest singular value.
+    """
+
+    def __init__(self, damping: float = 0.05) -> None:
+        self._damping = damping
+
+    def act(self, view: View) -> Array:
+        """Actions (n, actuators) of one resolved-rate step each."""
+        env, actions = view.env, np.zeros(view.action_shape)
+        here = [env.equilibrium(row) for row in view.rows]
+        errors = [pose_error(env.goal(row), own.pose) for row, own in zip(view.rows, here, strict=True)]
+        jacobians = [own.forward_jacobian for own in here]
+        wanted = damped_solutions(np.array(jacobians), np.array(errors), self._damping) / env.max_action
+        actions[view.under_way] = wanted / np.maximum(1.0, np.abs(wanted).max(axis=1, keepdims=True))
+        return actions
+
+
+def pose_error(goal: Array, pose: Array) -> Array:
+    """What takes `pose` to `goal`: metres, then (for a platform) the shorter way round in radians."""
+    error = np.asarray(goal, dtype=np.float64) - pose
+    error[2:] = (error[2:] + np.pi) % (2.0 * np.pi) - np.pi
+    return error
+
+
+def damped_solutions(jacobians: Array, errors: Array, damping: float) -> Array:
+    """Damped least-squares solutions (n, legs) of ``jacobian x = error``; zero where a Jacobian is zero or not finite.
+
+    Each singular value `s` is inverted as ``s / (s**2 + (damping * s_max)**2)``.
+
+    Parameters
+    ----------
+    jacobians
+        Array (n, d, legs).
+    errors
+        Array (n, d).
+    damping
+        In parts of each Jacobian's largest singular value.
+    """
+    solutions = np.zeros((len(jacobians), jacobians.shape[2]))
+    usable = np.isfinite(jacobians).all(axis=(1, 2)) & jacobians.any(axis=(1, 2))
+    left, values, right = np.linalg.svd(jacobians[usable], full_matrices=False)
+    inverted = values / (values**2 + (damping * values[:, :1]) ** 2)
+    components = inverted[:, :, None] * (left.mT @ errors[usable, :, None])
+    solutions[usable] = (right.mT @ components)[:, :, 0]
+    return solutions

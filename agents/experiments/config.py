@@ -1,0 +1,147 @@
+"""What an experiment is: one YAML file, checked before anything heavy is imported."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import yaml
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from agents.controllers.table import CONTROLLERS
+from agents.learners.algorithms import ALGORITHMS
+from agents.learners.settings import (
+    AlgorithmName,
+    ConfigError,
+    Count,
+    EnvironmentConfig,
+    HindsightConfig,
+    NormalisationConfig,
+    Section,
+    name_in,
+)
+
+MANAGED_HYPERPARAMETERS = frozenset(
+    {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "replay_buffer_class", "replay_buffer_kwargs"}
+)
+
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+ControllerName = Annotated[str, name_in(CONTROLLERS)]
+
+
+class EvaluationConfig(Section):
+    """Held-out episodes: episode `i` starts from ``reset(seed=seed + i)``, whoever acts.
+
+    Of the `controllers` the first is judged: beside the others, and above all beside the second.
+    """
+
+    episodes: Count = 500
+    seed: Seed = 1_000_000
+    controllers: Annotated[tuple[ControllerName, ...], Field(min_length=1)] = ("trained", "random", "resolved rate")
+
+    @field_validator("controllers")
+    @classmethod
+    def _check_named_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise ValueError(f"named more than once: {', '.join(repeated)}")
+        return names
+
+
+class ExperimentConfig(Section):
+    """One training run and its evaluation.
+
+    `hyperparameters` go to the Stable-Baselines3 algorithm. Two spellings are added to its own: an activation
+    function by name (``policy_kwargs: {activation_fn: tanh}``) and a schedule that falls linearly over the training
+    (``learning_rate: {start: 3e-4, end: 1e-5}``). `cost_weight` is the reward that a cost of one takes away while
+    learning; no evaluation knows of it.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    environment: EnvironmentConfig
+    algorithm: AlgorithmName = "PPO"
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    hindsight: HindsightConfig | None = None
+    cost_weight: Annotated[float, Field(ge=0)] = 0.0
+    num_envs: Count = 64
+    total_steps: Count
+    seed: Seed = 0
+    torch_threads: Count = 1
+    normalisation: NormalisationConfig = NormalisationConfig()
+    checkpoint_every: Count = 100_000
+    evaluation: EvaluationConfig = EvaluationConfig()
+
+    @model_validator(mode="after")
+    def _check_hindsight(self) -> Self:
+        if self.hindsight is not None and not ALGORITHMS[self.algorithm].is_off_policy:
+            raise ValueError(f"hindsight needs a replay buffer, which {self.algorithm} does not have")
+        if self.hindsight is not None and self.cost_weight > 0.0:
+            raise ValueError("hindsight computes rewards anew, from the goals alone: cost_weight must be 0")
+        return self
+
+    @model_validator(mode="after")
+    def _check_hyperparameters(self) -> Self:
+        managed = sorted(MANAGED_HYPERPARAMETERS & self.hyperparameters.keys())
+        if managed:
+            raise ValueError(f"hyperparameters that are set elsewhere in the configuration: {', '.join(managed)}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_held_out_seeds(self) -> Self:
+        training = range(self.seed, self.seed + self.num_envs)
+        held_out = range(self.evaluation.seed, self.evaluation.seed + self.evaluation.episodes)
+        if training.start < held_out.stop and held_out.start < training.stop:
+            raise ValueError(f"the seeds of the evaluation ({held_out}) include seeds of the training ({training})")
+        return self
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML's safe loader, which also reads ``3e-4`` as a number (YAML 1.1 takes it for text)."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def load_config(path: Path) -> ExperimentConfig:
+    """Experiment described by a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not YAML or does not describe an experiment; every offending entry is listed.
+    """
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+    return parse_config(content, source=str(path))
+
+
+def parse_config(content: object, source: str = "configuration") -> ExperimentConfig:
+    """Experiment described by plain data; `source` names it in errors.
+
+    Raises
+    ------
+    ConfigError
+        If an entry is missing, unknown or out of range.
+    """
+    try:
+        return ExperimentConfig.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(_describe(error, source)) from error
+
+
+def save_config(config: ExperimentConfig, path: Path) -> None:
+    """Write the experiment, defaults included, as YAML that `load_config` reads back to an equal value."""
+    path.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+
+
+def _describe(error: ValidationError, source: str) -> str:
+    lines = [f"{source}: {error.error_count()} problem(s)"]
+    for problem in error.errors(include_url=False):
+        entry = ".".join(str(part) for part in problem["loc"]) or "the whole"
+        lines.append(f"  {entry}: {problem['msg'].removeprefix('Value error, ')}")
+    return "\n".join(lines)

@@ -1,0 +1,150 @@
+"""Where a training run keeps its files, and how snapshots of the learner get there.
+
+::
+
+    runs/<name>/config.yaml           the experiment, defaults included
+                versions.json         packages it was trained with
+                model.zip             the newest snapshot of the learner ...
+                normalisation.pkl     ... and the statistics its observations are normalised with
+                progress.csv          the learning curve
+                tensorboard/
+                checkpoints/<steps>/  every snapshot; the newest also holds the replay buffer, if there is one
+                evaluation.json, episodes.csv, report.html
+"""
+
+import json
+import platform
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
+
+CONFIG = "config.yaml"
+PROGRESS = "progress.csv"
+
+_RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "numpy", "numba", "scipy")
+_LEVELS_ABOVE_A_MODEL = 3
+
+
+class RunError(ValueError):
+    """A run folder that cannot be used as asked; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Paths inside one run's folder."""
+
+    path: Path
+
+    @property
+    def config(self) -> Path:
+        """The experiment."""
+        return self.path / CONFIG
+
+    @property
+    def versions(self) -> Path:
+        """Versions of the packages used."""
+        return self.path / "versions.json"
+
+    @property
+    def progress(self) -> Path:
+        """The learning curve."""
+        return self.path / PROGRESS
+
+    @property
+    def tensorboard(self) -> Path:
+        """Event files of TensorBoard."""
+        return self.path / "tensorboard"
+
+    def create(self, *, replace: bool) -> None:
+        """Make the folder; with `replace`, an earlier run in it is deleted.
+
+        Raises
+        ------
+        RunError
+            If the folder holds a run and `replace` is false, or holds something that is not a run.
+        """
+        if self.path.exists() and any(self.path.iterdir()):
+            if not replace:
+                raise RunError(f"{self.path} already holds a run: --resume continues it, --force starts it afresh")
+            if not self.config.exists():
+                raise RunError(f"{self.path} is not a run ({CONFIG} is missing), so --force does not delete it")
+            shutil.rmtree(self.path)
+        self.path.mkdir(parents=True, exist_ok=True)
+
+    def snapshots(self) -> list[Path]:
+        """Folders of the complete snapshots, oldest first."""
+        return sorted(folder for folder in (self.path / "checkpoints").glob("[0-9]*") if folder.suffix == "")
+
+    def add_snapshot(self, steps: int, write: Callable[[Path], None]) -> Path:
+        """Keep a snapshot that `write` puts into an empty folder; make it the run's model.
+
+        The folder gets its name only when it is complete. Only the newest snapshot keeps its replay buffer.
+        """
+        folder = self.path / "checkpoints" / f"{steps:010d}"
+        partial = folder.with_suffix(".partial")
+        for leftover in (partial, folder):
+            shutil.rmtree(leftover, ignore_errors=True)
+        partial.mkdir(parents=True)
+        write(partial)
+        partial.rename(folder)
+        self._publish(folder)
+        return folder
+
+    def _publish(self, newest: Path) -> None:
+        for name in (MODEL, NORMALISATION):
+            if (newest / name).exists():
+                shutil.copy2(newest / name, self.path / name)
+        for snapshot in self.snapshots():
+            if snapshot != newest:
+                (snapshot / REPLAY_BUFFER).unlink(missing_ok=True)
+
+    def write_versions(self) -> None:
+        """Record the versions of Python and of the packages that decide the result."""
+        versions = {"python": platform.python_version()}
+        versions |= {package: _version(package) for package in _RECORDED_PACKAGES}
+        self.versions.write_text(json.dumps(versions, indent=2) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class TrainedFiles:
+    """A trained model and what belongs to it; `folder` is where its evaluation goes."""
+
+    folder: Path
+    model: Path
+    normalisation: Path | None
+    config: Path
+
+
+def find_trained(path: Path) -> TrainedFiles:
+    """Files of the model in a run's folder, in a snapshot's folder, or given by its own path.
+
+    Raises
+    ------
+    RunError
+        If there is no model, or no ``config.yaml`` beside it or above it.
+    """
+    model = path / MODEL if path.is_dir() else path
+    if not model.is_file():
+        raise RunError(f"{path}: no trained model found ({MODEL} is missing)")
+    folder = model.parent
+    normalisation = folder / NORMALISATION
+    return TrainedFiles(folder, model, normalisation if normalisation.exists() else None, _config_above(folder))
+
+
+def _config_above(folder: Path) -> Path:
+    folders = [folder, *folder.absolute().parents][:_LEVELS_ABOVE_A_MODEL]
+    found = next((place / CONFIG for place in folders if (place / CONFIG).is_file()), None)
+    if found is None:
+        raise RunError(f"{folder}: {CONFIG} is missing beside the model and above it")
+    return found
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"

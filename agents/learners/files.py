@@ -1,0 +1,5 @@
+"""Names of the files that make a snapshot of a learner."""
+
+MODEL = "model.zip"
+NORMALISATION = "normalisation.pkl"
+REPLAY_BUFFER = "replay_buffer.pkl"

@@ -1,0 +1,98 @@
+"""The learner of an experiment: its environments, its algorithm, and snapshots of both."""
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+from agents.learners import features
+from agents.learners.algorithms import ALGORITHMS
+from agents.learners.batches import make_batch
+from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
+from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
+from agents.learners.settings import AlgorithmName, LearnerSettings
+from agents.learners.vector_adapter import CostPenalty, NativeVecEnv
+
+# A saved model names the module of its features: models saved while that was agents/features.py load as well.
+sys.modules.setdefault("agents.features", features)
+
+
+def make_training_env(settings: LearnerSettings) -> VecEnv:
+    """Native batch of the experiment's environment, its episodes monitored, its costs taken from the rewards."""
+    batch = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
+    monitored = VecMonitor(NativeVecEnv(batch))
+    return CostPenalty(monitored, settings.cost_weight) if settings.cost_weight > 0.0 else monitored
+
+
+def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
+    """Learner that has not seen a step yet.
+
+    Raises
+    ------
+    ConfigError
+        If a hyperparameter is unknown to the algorithm or its value cannot be read.
+    """
+    env = _normalised(make_training_env(settings), settings)
+    return ALGORITHMS[settings.algorithm].load_class()(
+        policy="MultiInputPolicy",
+        env=env,
+        seed=settings.seed,
+        device="cpu",
+        **algorithm_arguments(settings, action_count=int(np.prod(env.action_space.shape or (1,)))),
+    )
+
+
+def load_learner(settings: LearnerSettings, snapshot: Path) -> BaseAlgorithm:
+    """Learner as it was when the snapshot was taken, on environments that begin new episodes.
+
+    The new episodes are drawn from the seed and the number of steps done, so that none is met twice.
+    """
+    env = make_training_env(settings)
+    if (snapshot / NORMALISATION).exists():
+        env = VecNormalize.load(str(snapshot / NORMALISATION), env)
+    learner = ALGORITHMS[settings.algorithm].load_class().load(snapshot / MODEL, env=env, device="cpu")
+    if isinstance(learner, OffPolicyAlgorithm) and (snapshot / REPLAY_BUFFER).exists():
+        with warnings.catch_warnings():
+            # Right: the episodes under way when the snapshot was taken are not continued.
+            warnings.filterwarnings("ignore", message="The last trajectory in the replay buffer will be truncated")
+            learner.load_replay_buffer(snapshot / REPLAY_BUFFER)
+    seed = np.random.SeedSequence([settings.seed, learner.num_timesteps]).generate_state(1)[0]
+    learner.set_random_seed(int(seed))
+    return learner
+
+
+def load_model(algorithm: AlgorithmName, model: Path) -> BaseAlgorithm:
+    """Model as it was saved, to act and not to learn: it has no environments and no replay buffer to speak of."""
+    no_buffer: dict[str, Any] = {"replay_buffer_class": None, "replay_buffer_kwargs": {}, "buffer_size": 1}
+    return ALGORITHMS[algorithm].load_class().load(model, device="cpu", custom_objects=no_buffer)
+
+
+def save_learner(learner: BaseAlgorithm, folder: Path) -> None:
+    """Write what `load_learner` needs."""
+    learner.save(folder / MODEL)
+    normaliser = learner.get_vec_normalize_env()
+    if normaliser is not None:
+        normaliser.save(str(folder / NORMALISATION))
+    if isinstance(learner, OffPolicyAlgorithm):
+        learner.save_replay_buffer(folder / REPLAY_BUFFER)
+
+
+def _normalised(env: VecEnv, settings: LearnerSettings) -> VecEnv:
+    wanted = settings.normalisation
+    if not (wanted.observation or wanted.reward):
+        return env
+    return VecNormalize(
+        env,
+        norm_obs=wanted.observation,
+        norm_obs_keys=["observation"],  # goals keep their units: what is achieved and what is desired compare
+        norm_reward=wanted.reward,
+        clip_obs=wanted.clip,
+        clip_reward=wanted.clip,
+        gamma=hyperparameters_of(settings)["gamma"],
+    )

@@ -1,0 +1,70 @@
+"""What a learner is told: sections of an experiment's configuration, checked before anything heavy is imported."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Protocol
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from agents.learners.algorithms import ALGORITHMS
+
+Count = Annotated[int, Field(ge=1)]
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message names every offending entry."""
+
+
+class Section(BaseModel):
+    """A part of the configuration: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def name_in(table: Mapping[str, object]) -> AfterValidator:
+    """Validator of a name that must be in the table; its error lists the names there are."""
+
+    def checked(name: str) -> str:
+        if name not in table:
+            *others, last = map(repr, table)
+            raise ValueError(f"Input should be {', '.join(others)} or {last}")
+        return name
+
+    return AfterValidator(checked)
+
+
+AlgorithmName = Annotated[str, name_in(ALGORITHMS)]
+
+
+class EnvironmentConfig(Section):
+    """Which environment, and the keyword arguments it is made with."""
+
+    id: str
+    kwargs: dict[str, Any] = Field(default_factory=dict)
+
+
+class NormalisationConfig(Section):
+    """Running normalisation of what the learner sees."""
+
+    observation: bool = True
+    reward: bool = True
+    clip: Annotated[float, Field(gt=0)] = 10.0
+
+
+class HindsightConfig(Section):
+    """Hindsight experience replay: goals replaced by what was reached later."""
+
+    goals_per_transition: Count = 4
+    strategy: Literal["future", "final", "episode"] = "future"
+
+
+class LearnerSettings(Protocol):
+    """All that a learner is told; `agents.experiments.config.ExperimentConfig` says what each entry means."""
+
+    environment: EnvironmentConfig
+    algorithm: AlgorithmName
+    hyperparameters: dict[str, Any]
+    hindsight: HindsightConfig | None
+    cost_weight: float
+    num_envs: int
+    seed: int
+    normalisation: NormalisationConfig
