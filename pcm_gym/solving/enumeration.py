@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.enumeration.found import Found
+from pcm_gym.kernels.enumeration.found import Found, make_found
 from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish_combinations
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism, Revolute
@@ -202,12 +202,7 @@ class _Problem:
 
     def room(self) -> Found:
         """Return arrays for the equilibria to be found."""
-        mechanism = self.mechanism
-        return Found(
-            np.empty((_MOST_FOUND, mechanism.state_size)),
-            np.empty((_MOST_FOUND, mechanism.leg_count)),
-            np.empty(_MOST_FOUND, dtype=np.int64),
-        )
+        return make_found(_MOST_FOUND, self.mechanism.leg_count, self.mechanism.state_size)
 
     def solutions(
         self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None

@@ -34,20 +34,43 @@ class Found(NamedTuple):
     x: Array  # (m, size)
     inputs: Array  # (m, legs)
     kinds: Integers  # (m,): what differs on the two sides of a fold
+    total: Integers  # (1,): how many there are
+
+
+class Search(NamedTuple):
+    """The equilibria that are looked for: those of a mechanism under a load, at its inputs or at its pose."""
+
+    legs: Array  # (legs, 12)
+    load: Array  # (d,)
+    rho_max: float  # the largest load of a rod
+    is_inverse: bool  # whether the pose is given, and not the inputs
+    work: Workspace
+    found: Found
+
+
+def make_found(capacity: int, leg_count: int, size: int) -> Found:
+    """Return room for so many equilibria."""
+    return Found(
+        np.empty((capacity, size)),
+        np.empty((capacity, leg_count)),
+        np.empty(capacity, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
 
 
 @kernel
-def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found: Found, count: int) -> int:
-    """Add an equilibrium to those found if its loads are in range, there is room, and it is new; return their number.
+def _keep(search: Search, x: Array, inputs: Array, kind: int) -> None:
+    """Add an equilibrium to those found if its loads are in range, there is room, and it is new.
 
     The platform's angle is brought into (-pi, pi]. Equilibria of different kind are two however near they are: they
     meet at a fold.
     """
+    legs, rho_max, found, count = search.legs, search.rho_max, search.found, search.found.total[0]
     for leg in range(legs.shape[0]):
         if math.hypot(x[2 * leg], x[2 * leg + 1]) > rho_max * rho_max:
-            return count
+            return
     if count == found.x.shape[0]:
-        return count
+        return
     last, is_platform = x.shape[0] - 1, x.shape[0] - 2 * legs.shape[0] == 3
     if is_platform:
         x[last] = principal_angle(x[last])
@@ -59,44 +82,35 @@ def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found:
         gap = max(_gap(found.x[n], x), _gap(found.inputs[n], inputs))
         x[last] -= turn
         if gap < _SAME_STATE or (gap < _SAME_BRANCH and found.kinds[n] == kind):
-            return count
+            return
     found.x[count], found.inputs[count], found.kinds[count] = x, inputs, kind
-    return count + 1
+    found.total[0] = count + 1
 
 
 @kernel
-def correct_and_keep(
-    legs: Array,
-    x: Array,
-    inputs: Array,
-    load: Array,
-    rho_max: float,
-    is_inverse: bool,
-    rules: NewtonRules,
-    work: Workspace,
-    found: Found,
-    count: int,
-) -> int:
-    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it; return how many there are now."""
-    if is_inverse:
+def correct_and_keep(search: Search, x: Array, inputs: Array, rules: NewtonRules) -> None:
+    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it."""
+    legs, load, work = search.legs, search.load, search.work
+    if search.is_inverse:
         status = solve_inverse_locally(legs, inputs, load, x, rules, work)
     else:
         status = solve_forward_locally(legs, inputs, load, x, rules, work)
     if status != CONVERGED:
-        return count
-    if is_inverse:
+        return
+    if search.is_inverse:
         for leg in range(legs.shape[0]):
             if legs[leg, TURN] != 0.0:
                 inputs[leg] = principal_angle(inputs[leg])
-    return keep(legs, x, inputs, rho_max, _kind(legs, x, inputs, is_inverse, work), found, count)
+    _keep(search, x, inputs, _kind(search, x, inputs))
 
 
 @kernel
-def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> int:
+def _kind(search: Search, x: Array, inputs: Array) -> int:
     """Return what differs on the two sides of a fold: the Morse index, at a given pose also the side itself."""
+    legs, work = search.legs, search.work
     place(legs, x, inputs, work)
     index = assess_stability(legs, x, work).morse_index
-    if not is_inverse:
+    if not search.is_inverse:
         return index
     set_inverse_matrix(legs, x, work)
     return 2 * index + (1 if determinant(work.matrix, x.shape[0]) > 0.0 else 0)
@@ -118,45 +132,41 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
-def keep_partners(
-    legs: Array, load: Array, rho_max: float, is_inverse: bool, work: Workspace, found: Found, count: int
-) -> int:
+def keep_partners(search: Search) -> int:
     """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
     n = 0
-    while n < count:
-        count = _look_across_fold(legs, load, rho_max, n, is_inverse, work, found, count)
+    while n < search.found.total[0]:
+        _look_across_fold(search, n)
         n += 1
-    return count
+    return int(search.found.total[0])
 
 
 @kernel
-def _look_across_fold(
-    legs: Array, load: Array, rho_max: float, n: int, is_inverse: bool, work: Workspace, found: Found, count: int
-) -> int:
+def _look_across_fold(search: Search, n: int) -> None:
     """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
 
     The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
     softness changes on the way. Steps are short enough to stay on the partner's side of the fold.
     """
+    found, is_inverse, work = search.found, search.is_inverse, search.work
     x, inputs = found.x[n].copy(), found.inputs[n].copy()
-    softness = _set_soft_step(legs, x, inputs, is_inverse, work)
+    softness = _set_soft_step(search, x, inputs)
     if not 0.0 < softness < math.inf:
-        return count
+        return
     direction = work.vector[: x.shape[0]] / softness
     _move(x, inputs, _FOLD_PROBE, direction, is_inverse)
-    if not _set_soft_step(legs, x, inputs, is_inverse, work) > 0.0:
-        return count
+    if not _set_soft_step(search, x, inputs) > 0.0:
+        return
     # 1 / softness, with its sign
     hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
     distance = -_FOLD_PROBE / (hardness * softness - 1.0)
     if not abs(distance) < _FARTHEST_FOLD:
-        return count
+        return
     rules = NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
     for factor in _FOLD_FACTORS:
         x[:], inputs[:] = found.x[n], found.inputs[n]
         _move(x, inputs, factor * distance, direction, is_inverse)
-        count = correct_and_keep(legs, x, inputs, load, rho_max, is_inverse, rules, work, found, count)
-    return count
+        correct_and_keep(search, x, inputs, rules)
 
 
 @kernel
@@ -169,13 +179,14 @@ def _move(x: Array, inputs: Array, distance: float, direction: Array, is_inverse
 
 
 @kernel
-def _set_soft_step(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> float:
+def _set_soft_step(search: Search, x: Array, inputs: Array) -> float:
     """Fill `work.vector` with the response to some errors, near a fold along its soft direction; return its size."""
+    legs, work = search.legs, search.work
     size, pose = x.shape[0], 2 * legs.shape[0]
     place(legs, x, inputs, work)
     for row in range(size):
         work.residual[row] = 1.0 / (1.0 + row)
-    if not is_inverse:
+    if not search.is_inverse:
         if not solve_equilibrium_system(legs, x, work.residual, work):
             return math.inf
         work.vector[:size] = work.step
