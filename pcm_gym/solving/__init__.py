@@ -12,7 +12,8 @@ from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
 from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
-from pcm_gym.solving.singularities import CurveEnd, SingularCurve, forward_singularities, inverse_singularities
+from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
+from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
 from pcm_gym.solving.solutions import EquilibriumSet, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
