@@ -63,6 +63,11 @@ class Units:
         """Units of the stiffness matrix, (d, d): energy over pose times pose."""
         return self.energy / np.outer(self.pose, self.pose)
 
+    @property
+    def jacobian(self) -> Array:
+        """Units of the derivative of the pose by the inputs, (d, legs): pose over inputs."""
+        return np.outer(self.pose, 1.0 / self.inputs)
+
 
 @dataclass(frozen=True)
 class Mechanism:
@@ -153,6 +158,11 @@ class Mechanism:
     def upper_limits(self) -> Array:
         """Upper limits of the inputs, (legs,), rad or m."""
         return np.array([leg.actuator.limits[1] for leg in self.legs])
+
+    @cached_property
+    def kernel_limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the inputs as the kernels take them, (legs,) each."""
+        return self.units.kernel_from_inputs(self.lower_limits), self.units.kernel_from_inputs(self.upper_limits)
 
     @cached_property
     def units(self) -> Units:

@@ -89,8 +89,8 @@ def solve_forward(
     sheets = _sheets(problem.rho_max, problem.refinement)
     find = partial(find_starts, legs, scaled, problem.scaled_load, sheets)
     (starts,) = problem.filled(find, (mechanism.state_size, np.float64))
-    found = problem.room()
-    count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts, found)
+    found = problem.room(is_inverse=False)
+    count = polish_starts(legs, scaled, problem.scaled_load, starts, found)
     states, certificate = found.x[:count], None
     if certify:
         states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
@@ -144,7 +144,7 @@ def solve_inverse(
     unit = _unit_rod(problem.rho_max, problem.refinement)
     find = partial(find_combinations, legs, scaled, problem.scaled_load, unit)
     cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
-    found = problem.room()
+    found = problem.room(is_inverse=True)
     count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
     own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
     return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
@@ -199,9 +199,10 @@ class _Problem:
                 return [array[:count] for array in arrays]
         raise ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
 
-    def room(self) -> Found:
+    def room(self, *, is_inverse: bool) -> Found:
         """Return arrays for the equilibria to be found."""
-        return make_found(_MOST_FOUND, self.mechanism.leg_count, self.mechanism.state_size)
+        mechanism = self.mechanism
+        return make_found(_MOST_FOUND, mechanism.leg_count, mechanism.state_size, self.rho_max, is_inverse)
 
     def solutions(
         self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None

@@ -193,8 +193,7 @@ class Equilibrium:
         """
         if not self._facts.is_regular:
             raise np.linalg.LinAlgError("the forward Jacobian does not exist: this equilibrium is a singular point")
-        units = self.mechanism.units
-        return self._facts.jacobian * np.outer(units.pose, 1.0 / units.inputs)
+        return self._facts.jacobian * self.mechanism.units.jacobian
 
     @property
     def within_limits(self) -> bool:

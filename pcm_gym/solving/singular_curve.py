@@ -81,7 +81,7 @@ class SingularCurve:
     @cached_property
     def poses(self) -> Array:
         """Poses of the end-effector, (n, d), (x, y) in m or (x, y, phi) with phi in rad."""
-        return self.states[:, 2 * self.mechanism.leg_count :] * self.mechanism.units.pose
+        return self.mechanism.units.pose_from_kernel(self.states[:, 2 * self.mechanism.leg_count :])
 
     @property
     def points(self) -> Array:

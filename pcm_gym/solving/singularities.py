@@ -182,7 +182,7 @@ class _Search:
         if int(grid) != grid or grid < 1:
             raise ValueError(f"grid must be an integer of at least 1, got {grid}")
         box = _input_box(mechanism, bounds)
-        window = box if is_forward else _pose_window(mechanism, box, values)
+        window = box if is_forward else _pose_window(mechanism, box)
         return cls(
             mechanism,
             mechanism.check_load(load),
@@ -334,7 +334,7 @@ def _input_box(mechanism: Mechanism, bounds: Sequence[tuple[float, float]] | Non
     return box
 
 
-def _pose_window(mechanism: Mechanism, box: Array, held: Mapping[int, float]) -> Array:
+def _pose_window(mechanism: Mechanism, box: Array) -> Array:
     """Return dimensionless bounds, and periods, of the poses that every leg may reach."""
     units = mechanism.units
     window = np.tile([-math.inf, math.inf, 0.0], (mechanism.dof, 1))

@@ -15,7 +15,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.enumeration.cells import grid_load
-from pcm_gym.kernels.enumeration.found import Found, Search, correct_and_keep, keep_partners
+from pcm_gym.kernels.enumeration.found import Found, correct_and_keep, keep_partners
 from pcm_gym.kernels.enumeration.sheets import (
     ERROR_RADIUS,
     ERROR_X,
@@ -363,9 +363,9 @@ def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts:
 
 
 @kernel
-def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, starts: Array, found: Found) -> int:
+def polish_starts(legs: Array, inputs: Array, load: Array, starts: Array, found: Found) -> int:
     """Correct the starts to equilibria; put the different ones into `found`, return how many there are."""
-    search = Search(legs, load, rho_max, False, make_workspace(legs.shape[0], found.x.shape[1]), found)
+    work = make_workspace(legs.shape[0], found.x.shape[1])
     for start in starts:
-        correct_and_keep(search, start, inputs, _SEARCH_RULES)
-    return keep_partners(search)
+        correct_and_keep(legs, start, inputs, load, _SEARCH_RULES, work, found)
+    return keep_partners(legs, load, work, found)

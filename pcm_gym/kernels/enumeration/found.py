@@ -29,28 +29,21 @@ _FOLD_FACTORS = (2.0, 1.4, 3.0)
 
 
 class Found(NamedTuple):
-    """The equilibria found so far."""
+    """The equilibria found so far, and what is asked of them."""
 
+    rho_max: float  # the largest load of a rod
+    is_inverse: bool  # whether their pose is given, and not their inputs
     x: Array  # (m, size)
     inputs: Array  # (m, legs)
     kinds: Integers  # (m,): what differs on the two sides of a fold
     total: Integers  # (1,): how many there are
 
 
-class Search(NamedTuple):
-    """The equilibria that are looked for: those of a mechanism under a load, at its inputs or at its pose."""
-
-    legs: Array  # (legs, 12)
-    load: Array  # (d,)
-    rho_max: float  # the largest load of a rod
-    is_inverse: bool  # whether the pose is given, and not the inputs
-    work: Workspace
-    found: Found
-
-
-def make_found(capacity: int, leg_count: int, size: int) -> Found:
+def make_found(capacity: int, leg_count: int, size: int, rho_max: float, is_inverse: bool) -> Found:
     """Return room for so many equilibria."""
     return Found(
+        rho_max,
+        is_inverse,
         np.empty((capacity, size)),
         np.empty((capacity, leg_count)),
         np.empty(capacity, dtype=np.int64),
@@ -59,16 +52,16 @@ def make_found(capacity: int, leg_count: int, size: int) -> Found:
 
 
 @kernel
-def _keep(search: Search, x: Array, inputs: Array, kind: int) -> None:
+def _keep(legs: Array, x: Array, inputs: Array, kind: int, found: Found) -> None:
     """Add an equilibrium to those found if its loads are in range, there is room, and it is new.
 
     The platform's angle is brought into (-pi, pi]. Equilibria of different kind are two however near they are: they
     meet at a fold.
     """
-    legs, rho_max, found, count = search.legs, search.rho_max, search.found, search.found.total[0]
     for leg in range(legs.shape[0]):
-        if math.hypot(x[2 * leg], x[2 * leg + 1]) > rho_max * rho_max:
+        if math.hypot(x[2 * leg], x[2 * leg + 1]) > found.rho_max * found.rho_max:
             return
+    count = found.total[0]
     if count == found.x.shape[0]:
         return
     last, is_platform = x.shape[0] - 1, x.shape[0] - 2 * legs.shape[0] == 3
@@ -88,29 +81,29 @@ def _keep(search: Search, x: Array, inputs: Array, kind: int) -> None:
 
 
 @kernel
-def correct_and_keep(search: Search, x: Array, inputs: Array, rules: NewtonRules) -> None:
+def correct_and_keep(
+    legs: Array, x: Array, inputs: Array, load: Array, rules: NewtonRules, work: Workspace, found: Found
+) -> None:
     """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it."""
-    legs, load, work = search.legs, search.load, search.work
-    if search.is_inverse:
+    if found.is_inverse:
         status = solve_inverse_locally(legs, inputs, load, x, rules, work)
     else:
         status = solve_forward_locally(legs, inputs, load, x, rules, work)
     if status != CONVERGED:
         return
-    if search.is_inverse:
+    if found.is_inverse:
         for leg in range(legs.shape[0]):
             if legs[leg, TURN] != 0.0:
                 inputs[leg] = principal_angle(inputs[leg])
-    _keep(search, x, inputs, _kind(search, x, inputs))
+    _keep(legs, x, inputs, _kind(legs, x, inputs, found.is_inverse, work), found)
 
 
 @kernel
-def _kind(search: Search, x: Array, inputs: Array) -> int:
+def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> int:
     """Return what differs on the two sides of a fold: the Morse index, at a given pose also the side itself."""
-    legs, work = search.legs, search.work
     place(legs, x, inputs, work)
     index = assess_stability(legs, x, work).morse_index
-    if not search.is_inverse:
+    if not is_inverse:
         return index
     set_inverse_matrix(legs, x, work)
     return 2 * index + (1 if determinant(work.matrix, x.shape[0]) > 0.0 else 0)
@@ -132,30 +125,30 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
-def keep_partners(search: Search) -> int:
+def keep_partners(legs: Array, load: Array, work: Workspace, found: Found) -> int:
     """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
     n = 0
-    while n < search.found.total[0]:
-        _look_across_fold(search, n)
+    while n < found.total[0]:
+        _look_across_fold(legs, load, n, work, found)
         n += 1
-    return int(search.found.total[0])
+    return int(found.total[0])
 
 
 @kernel
-def _look_across_fold(search: Search, n: int) -> None:
+def _look_across_fold(legs: Array, load: Array, n: int, work: Workspace, found: Found) -> None:
     """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
 
     The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
     softness changes on the way. Steps are short enough to stay on the partner's side of the fold.
     """
-    found, is_inverse, work = search.found, search.is_inverse, search.work
+    is_inverse = found.is_inverse
     x, inputs = found.x[n].copy(), found.inputs[n].copy()
-    softness = _set_soft_step(search, x, inputs)
+    softness = _set_soft_step(legs, x, inputs, is_inverse, work)
     if not 0.0 < softness < math.inf:
         return
     direction = work.vector[: x.shape[0]] / softness
     _move(x, inputs, _FOLD_PROBE, direction, is_inverse)
-    if not _set_soft_step(search, x, inputs) > 0.0:
+    if not _set_soft_step(legs, x, inputs, is_inverse, work) > 0.0:
         return
     # 1 / softness, with its sign
     hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
@@ -166,7 +159,7 @@ def _look_across_fold(search: Search, n: int) -> None:
     for factor in _FOLD_FACTORS:
         x[:], inputs[:] = found.x[n], found.inputs[n]
         _move(x, inputs, factor * distance, direction, is_inverse)
-        correct_and_keep(search, x, inputs, rules)
+        correct_and_keep(legs, x, inputs, load, rules, work, found)
 
 
 @kernel
@@ -179,14 +172,13 @@ def _move(x: Array, inputs: Array, distance: float, direction: Array, is_inverse
 
 
 @kernel
-def _set_soft_step(search: Search, x: Array, inputs: Array) -> float:
+def _set_soft_step(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspace) -> float:
     """Fill `work.vector` with the response to some errors, near a fold along its soft direction; return its size."""
-    legs, work = search.legs, search.work
     size, pose = x.shape[0], 2 * legs.shape[0]
     place(legs, x, inputs, work)
     for row in range(size):
         work.residual[row] = 1.0 / (1.0 + row)
-    if not search.is_inverse:
+    if not is_inverse:
         if not solve_equilibrium_system(legs, x, work.residual, work):
             return math.inf
         work.vector[:size] = work.step

@@ -29,7 +29,7 @@ from pcm_gym.kernels.enumeration.cells import (
     reaching_input,
     set_offers,
 )
-from pcm_gym.kernels.enumeration.found import POLISH_RULES, Found, Search, correct_and_keep, keep_partners
+from pcm_gym.kernels.enumeration.found import POLISH_RULES, Found, correct_and_keep, keep_partners
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
 from pcm_gym.kernels.rods.rod import rod
@@ -180,7 +180,7 @@ def polish_combinations(
 ) -> int:
     """Correct the starts in these cells to equilibria at `pose`; put the different ones into `found`."""
     leg_count = legs.shape[0]
-    search = Search(legs, load, unit.rho_max, True, make_workspace(leg_count, found.x.shape[1]), found)
+    work = make_workspace(leg_count, found.x.shape[1])
     x, inputs = np.empty(found.x.shape[1]), np.empty(leg_count)
     start = np.empty(2 * leg_count)
     for n in range(combinations.shape[0]):
@@ -194,5 +194,5 @@ def polish_combinations(
                 point = rod(x[2 * leg], x[2 * leg + 1])
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-            correct_and_keep(search, x, inputs, POLISH_RULES)
-    return keep_partners(search)
+            correct_and_keep(legs, x, inputs, load, POLISH_RULES, work, found)
+    return keep_partners(legs, load, work, found)
