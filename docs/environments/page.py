@@ -17,7 +17,6 @@ from docs.environments import docstrings
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.single import MechanismEnv
-from pcm_gym.mechanism import Revolute
 from pcm_gym.tasks import TASKS, Goals, Task, observation_elements
 
 FOLDER = Path(__file__).parent
@@ -104,7 +103,7 @@ def _increments(env: MechanismEnv) -> list[Increment]:
         Increment(
             docstrings.description(leg.actuator),
             f"({', '.join(map(_number, leg.actuator.base))})",
-            "rad" if isinstance(leg.actuator, Revolute) else "m",
+            leg.actuator.unit,
             *map(float, own),
         )
         for leg, own in zip(mechanism.legs, numbers, strict=True)

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
 from docs.figures import style
-from pcm_gym import Equilibrium, Mechanism, Revolute
+from pcm_gym import Equilibrium, Mechanism
 from pcm_gym.arrays import Array
 from pcm_gym.rendering.polylines import equilibrium_polylines
 
@@ -23,14 +23,13 @@ def draw_actuators(axes: Axes, mechanism: Mechanism) -> None:
     length = mechanism.units.length
     for leg in mechanism.legs:
         base = np.array(leg.actuator.base)
-        if isinstance(leg.actuator, Revolute):
+        if leg.actuator.rail_angle is None:
             radius = _MOTOR_RADIUS * length
             axes.add_patch(
                 Circle((base[0], base[1]), radius, facecolor=style.METAL_LIGHT, edgecolor="none", zorder=1.5)
             )
             continue
-        angle = leg.actuator.axis_angle
-        axis = np.array([math.cos(angle), math.sin(angle)])
+        axis = np.array(leg.actuator.axis)
         stop = _RAIL_END * length * np.array([-axis[1], axis[0]])
         lower, upper = (base + limit * axis for limit in leg.actuator.limits)
         for ends in ((lower, upper), (lower - stop, lower + stop), (upper - stop, upper + stop)):

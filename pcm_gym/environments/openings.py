@@ -127,7 +127,8 @@ def _goal_from(settings: Settings, wanted: Any) -> tuple[Array, Array]:
     if isinstance(wanted, Equilibrium):
         if wanted.mechanism.dof != mechanism.dof:
             raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {wanted!r}")
-        return goals.of_equilibrium(wanted), np.append(wanted.inputs / mechanism.units.inputs, wanted.state)
+        inputs = mechanism.units.kernel_from_inputs(wanted.inputs)
+        return goals.of_equilibrium(wanted), np.append(inputs, wanted.state)
     if goals.with_inputs:
         raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {wanted!r}")
     goal = goals.of_pose(finite_vector("option goal", wanted, mechanism.dof))

@@ -108,13 +108,13 @@ class Actuators:
         cls, mechanism: Mechanism, lag: float, rate_limit: ArrayLike | None, backlash: ArrayLike
     ) -> "Actuators":
         """Return the actuators for the keyword arguments of an environment, which are in rad or m."""
-        units = mechanism.units.inputs
+        units = mechanism.units
         rates = np.full(mechanism.leg_count, math.inf)
         if rate_limit is not None:
-            rates = per_leg("rate_limit", rate_limit, mechanism) / units
+            rates = units.kernel_from_inputs(per_leg("rate_limit", rate_limit, mechanism))
             if not (rates > 0.0).all():
                 raise ValueError(f"rate_limit must be greater than 0, got {rate_limit!r}")
-        play = per_leg("backlash", backlash, mechanism) / units
+        play = units.kernel_from_inputs(per_leg("backlash", backlash, mechanism))
         if not (play >= 0.0).all():
             raise ValueError(f"backlash must be at least 0, got {backlash!r}")
         if finite_number("actuator_lag", lag) < 0.0:

@@ -110,7 +110,7 @@ class Settings:
         one_of("on_instability", on_instability, tuple(BEHAVIOURS))
         steps = _steps(mechanism, max_action)
         if singular_margin is None:
-            singular_margin = _NEARLY_SINGULAR * float((steps / mechanism.units.inputs).min())
+            singular_margin = _NEARLY_SINGULAR * float(mechanism.units.kernel_from_inputs(steps).min())
         if task == "Switch" and difficulty == "fall" and on_instability != "snap":
             raise ValueError(f"on_instability must be 'snap' for difficulty 'fall', got {on_instability!r}")
         goals = Goals(mechanism, reward_type, success_distance, with_inputs=task == "Switch")
@@ -132,7 +132,7 @@ class Settings:
     @property
     def stride(self) -> Array:
         """Increment of each input for an action of 1, dimensionless, (legs,)."""
-        return self.max_action / self.mechanism.units.inputs
+        return self.mechanism.units.kernel_from_inputs(self.max_action)
 
     @property
     def rules(self) -> StepRules:

@@ -72,14 +72,16 @@ class Simulation:
         """Return the present equilibrium of one row."""
         rows, units = self.rows, self._units
         mechanism = self.scenes[rows.scene[row]].mechanism
-        return Equilibrium(mechanism, rows.x[row], rows.inputs[row] * units.inputs, rows.load[row] * units.load)
+        inputs, load = units.inputs_from_kernel(rows.inputs[row]), units.load_from_kernel(rows.load[row])
+        return Equilibrium.unchecked(mechanism, rows.x[row], inputs, load)
 
     def witness(self, row: int) -> Equilibrium | None:
         """Return an equilibrium that meets the first goal of one row; None where none is known."""
         here, legs = self.equilibrium(row), self.settings.mechanism.leg_count
         inputs, x = self.rows.witness[row, :legs], self.rows.witness[row, legs:]
-        known = not np.isnan(x).any()
-        return Equilibrium(here.mechanism, x, inputs * self._units.inputs, here.load) if known else None
+        if np.isnan(x).any():
+            return None
+        return Equilibrium.unchecked(here.mechanism, x, self._units.inputs_from_kernel(inputs), here.load)
 
     def goal(self, row: int) -> Array:
         """Return the present goal of one row."""
@@ -145,8 +147,7 @@ class Simulation:
         actuators = self.settings.actuators
         if actuators.are_ideal:
             return actions, lambda report: None
-        state, mechanism = self.rows, self.settings.mechanism
-        lower, upper = mechanism.lower_limits / self._units.inputs, mechanism.upper_limits / self._units.inputs
+        state, (lower, upper) = self.rows, self.settings.mechanism.kernel_limits
         wishes = state.commands[rows] + np.clip(actions[rows], -1.0, 1.0) * self._stride
         commands = np.clip(wishes, lower, upper)
         drives, clamps = actuators.follow(commands, state.drives[rows], state.inputs[rows])
@@ -208,11 +209,9 @@ class Simulation:
         for steps in settings.task.look_ahead:
             parts.append(state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]])
         if settings.load_varies and settings.observe_load:
-            parts.append(_within(state.load[rows], *(settings.load_range / units.load)))
+            parts.append(_within(state.load[rows], *units.kernel_from_load(settings.load_range)))
         if not settings.actuators.are_ideal:
-            mechanism = settings.mechanism
-            limits = (mechanism.lower_limits / units.inputs, mechanism.upper_limits / units.inputs)
-            parts.append(_within(state.commands[rows], *limits))
+            parts.append(_within(state.commands[rows], *settings.mechanism.kernel_limits))
         return np.concatenate(parts, axis=1)
 
     def _with_noise(self, features: Array, generators: Generators) -> Array:

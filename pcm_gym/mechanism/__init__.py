@@ -1,4 +1,14 @@
-"""Mechanisms as frozen, validated data, and the catalogue of named ones."""
+"""Mechanisms as frozen, validated data, and the catalogue of named ones.
+
+Read `leg` (rods, actuators and their properties, legs), then `mechanism` (legs around one end-effector; `Units` and the
+leg table, the door to the kernels). `catalogue` names some, `text` writes and reads them, `validation` checks
+arguments for the whole package.
+
+Symbols
+-------
+L, EI : length and bending stiffness of a rod; their means over the legs are the kernels' units.
+d : degrees of freedom of the end-effector: 2, (x, y), or 3, (x, y, phi).
+"""
 
 from pcm_gym.mechanism.catalogue import get_mechanism, mechanism_names
 from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from pcm_gym.mechanism.validation import finite_number, finite_tuple, limit_pair, positive_number
 
@@ -38,7 +39,29 @@ class Revolute:
         World angle of the clamp at input 0, in rad: the rod leaves at ``clamp_angle + input``.
     limits : (lower, upper)
         Range of the input, in rad.
+
+    Attributes
+    ----------
+    is_angle : bool
+        True: the input is an angle.
+    unit : str
+        "rad".
+    period : float
+        Change of the input after which everything is the same again: a full turn, in rad.
+    default_step : float
+        Step of the input that agents take by default, in the kernels' unit: rad.
+    axis : (x, y)
+        Change of the clamped point by the input: none.
+    rail_angle : None
+        A motor has no rail.
     """
+
+    is_angle: ClassVar[bool] = True
+    unit: ClassVar[str] = "rad"
+    period: ClassVar[float] = 2.0 * math.pi
+    default_step: ClassVar[float] = 0.1
+    axis: ClassVar[tuple[float, float]] = (0.0, 0.0)
+    rail_angle: ClassVar[None] = None
 
     base: tuple[float, float]
     clamp_angle: float = 0.0
@@ -52,6 +75,10 @@ class Revolute:
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point at an input: the base, whatever the angle."""
         return self.base
+
+    def clamp_direction(self, value: float) -> float:
+        """Return the world angle, in rad, at which the rod leaves the clamp at an input."""
+        return self.clamp_angle + value
 
     def distance(self, point: tuple[float, float]) -> float:
         """Return the least distance, in m, of the clamped point from `point` over all inputs."""
@@ -72,7 +99,23 @@ class Prismatic:
         World angle at which the rod leaves the clamp, in rad.
     limits : (lower, upper)
         Range of the input, in m.
+
+    Attributes
+    ----------
+    is_angle : bool
+        False: the input is a distance.
+    unit : str
+        "m".
+    period : float
+        0: no two inputs are the same.
+    default_step : float
+        Step of the input that agents take by default, in the kernels' unit: mean rod lengths.
     """
+
+    is_angle: ClassVar[bool] = False
+    unit: ClassVar[str] = "m"
+    period: ClassVar[float] = 0.0
+    default_step: ClassVar[float] = 0.03
 
     base: tuple[float, float]
     axis_angle: float
@@ -85,17 +128,33 @@ class Prismatic:
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
 
+    @property
+    def axis(self) -> tuple[float, float]:
+        """Change of the clamped point by the input: the unit vector along the axis."""
+        return math.cos(self.axis_angle), math.sin(self.axis_angle)
+
+    @property
+    def rail_angle(self) -> float:
+        """World angle of the rail along which the slider moves, in rad."""
+        return self.axis_angle
+
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point, in m, at an input."""
-        return (
-            self.base[0] + value * math.cos(self.axis_angle),
-            self.base[1] + value * math.sin(self.axis_angle),
-        )
+        x, y = self.axis
+        return self.base[0] + value * x, self.base[1] + value * y
+
+    def clamp_direction(self, value: float) -> float:
+        """Return the world angle, in rad, at which the rod leaves the clamp: the same at every input."""
+        return self.clamp_angle
 
     def distance(self, point: tuple[float, float]) -> float:
         """Return the least distance, in m, of the clamped point from `point` over all inputs."""
         away_x, away_y = point[0] - self.base[0], point[1] - self.base[1]
-        return abs(away_x * math.sin(self.axis_angle) - away_y * math.cos(self.axis_angle))
+        x, y = self.axis
+        return abs(away_x * y - away_y * x)
+
+
+Actuator = Revolute | Prismatic
 
 
 @dataclass(frozen=True)
@@ -110,12 +169,12 @@ class Leg:
         The hinge in the end-effector's frame, in m; (0, 0) for a point end-effector.
     """
 
-    actuator: Revolute | Prismatic
+    actuator: Actuator
     rod: Rod = Rod()
     attachment: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.actuator, Revolute | Prismatic):
+        if not isinstance(self.actuator, Actuator):
             raise TypeError(f"actuator must be a Revolute or a Prismatic, got {self.actuator!r}")
         if not isinstance(self.rod, Rod):
             raise TypeError(f"rod must be a Rod, got {self.rod!r}")

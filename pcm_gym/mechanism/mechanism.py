@@ -6,26 +6,52 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics import closure
-from pcm_gym.mechanism.leg import Leg, Revolute, Rod
+from pcm_gym.mechanism.leg import Leg, Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector
 
 
 @dataclass(frozen=True)
 class Units:
-    """Factors from the kernels' dimensionless numbers to the mechanism's own units (multiply to leave the kernels).
+    """The door between the mechanism's own units and the kernels' dimensionless numbers.
 
     Lengths are measured in the mean rod length L, forces in EI / L^2 with the mean bending stiffness EI, or in those of
-    the mechanism's reference rod.
+    the mechanism's reference rod. The fields are the factors out of the kernels; inputs, poses and loads go in and out
+    by the methods, which take one or an array of them, (..., n), or differences of such, and return a new array.
     """
 
     length: float
     force: float
-    inputs: NDArray[np.float64]  # (legs,): 1 for an angle, L for a distance
-    pose: NDArray[np.float64]  # (d,): (L, L) or (L, L, 1)
-    load: NDArray[np.float64]  # (d,): (force, force) or (force, force, force L)
+    inputs: Array  # (legs,): 1 for an angle, L for a distance
+    pose: Array  # (d,): (L, L) or (L, L, 1)
+    load: Array  # (d,): (force, force) or (force, force, force L)
+
+    def kernel_from_inputs(self, inputs: Array) -> Array:
+        """Return inputs, rad or m, as the kernels take them."""
+        return inputs / self.inputs
+
+    def inputs_from_kernel(self, inputs: Array) -> Array:
+        """Return inputs of the kernels in rad or m."""
+        return inputs * self.inputs
+
+    def kernel_from_pose(self, pose: Array) -> Array:
+        """Return poses, m and rad, as the kernels take them."""
+        return pose / self.pose
+
+    def pose_from_kernel(self, pose: Array) -> Array:
+        """Return poses of the kernels in m and rad."""
+        return pose * self.pose
+
+    def kernel_from_load(self, load: Array) -> Array:
+        """Return loads, N and N m, as the kernels take them."""
+        return load / self.load
+
+    def load_from_kernel(self, load: Array) -> Array:
+        """Return loads of the kernels in N and N m."""
+        return load * self.load
 
     @property
     def energy(self) -> float:
@@ -33,9 +59,14 @@ class Units:
         return self.force * self.length
 
     @property
-    def stiffness(self) -> NDArray[np.float64]:
+    def stiffness(self) -> Array:
         """Units of the stiffness matrix, (d, d): energy over pose times pose."""
         return self.energy / np.outer(self.pose, self.pose)
+
+    @property
+    def jacobian(self) -> Array:
+        """Units of the derivative of the pose by the inputs, (d, legs): pose over inputs."""
+        return np.outer(self.pose, 1.0 / self.inputs)
 
 
 @dataclass(frozen=True)
@@ -119,14 +150,19 @@ class Mechanism:
         return 2 * self.leg_count + self.dof
 
     @cached_property
-    def lower_limits(self) -> NDArray[np.float64]:
+    def lower_limits(self) -> Array:
         """Lower limits of the inputs, (legs,), rad or m."""
         return np.array([leg.actuator.limits[0] for leg in self.legs])
 
     @cached_property
-    def upper_limits(self) -> NDArray[np.float64]:
+    def upper_limits(self) -> Array:
         """Upper limits of the inputs, (legs,), rad or m."""
         return np.array([leg.actuator.limits[1] for leg in self.legs])
+
+    @cached_property
+    def kernel_limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the inputs as the kernels take them, (legs,) each."""
+        return self.units.kernel_from_inputs(self.lower_limits), self.units.kernel_from_inputs(self.upper_limits)
 
     @cached_property
     def units(self) -> Units:
@@ -135,7 +171,7 @@ class Mechanism:
         length = math.fsum(rod.length for rod in rods) / len(rods)
         stiffness = math.fsum(rod.bending_stiffness for rod in rods) / len(rods)
         force = stiffness / length**2
-        is_angle = [isinstance(leg.actuator, Revolute) for leg in self.legs]
+        is_angle = [leg.actuator.is_angle for leg in self.legs]
         return Units(
             length=length,
             force=force,
@@ -145,7 +181,7 @@ class Mechanism:
         )
 
     @cached_property
-    def leg_table(self) -> NDArray[np.float64]:
+    def leg_table(self) -> Array:
         """The kernels' view of the legs, dimensionless, (legs, 12); see `pcm_gym.kernels.statics.closure`."""
         table = np.zeros((self.leg_count, closure.LEG_COLUMNS))
         units = self.units
@@ -153,10 +189,8 @@ class Mechanism:
             actuator, rod = leg.actuator, leg.rod
             row[[closure.BASE_X, closure.BASE_Y]] = np.array(actuator.base) / units.length
             row[closure.CLAMP_ANGLE] = actuator.clamp_angle
-            if isinstance(actuator, Revolute):
-                row[closure.TURN] = 1.0
-            else:
-                row[[closure.AXIS_X, closure.AXIS_Y]] = math.cos(actuator.axis_angle), math.sin(actuator.axis_angle)
+            row[closure.TURN] = float(actuator.is_angle)
+            row[[closure.AXIS_X, closure.AXIS_Y]] = actuator.axis
             row[closure.LENGTH] = rod.length / units.length
             row[closure.STIFFNESS] = rod.bending_stiffness / (units.force * units.length**2)
             row[[closure.ATTACH_X, closure.ATTACH_Y]] = np.array(leg.attachment) / units.length
@@ -164,15 +198,15 @@ class Mechanism:
         table.setflags(write=False)
         return table
 
-    def check_inputs(self, inputs: ArrayLike) -> NDArray[np.float64]:
+    def check_inputs(self, inputs: ArrayLike) -> Array:
         """Return `inputs` as a new array (legs,); raise if shape or values are wrong (limits are not checked)."""
         return finite_vector("inputs", inputs, self.leg_count)
 
-    def check_pose(self, pose: ArrayLike) -> NDArray[np.float64]:
+    def check_pose(self, pose: ArrayLike) -> Array:
         """Return `pose` as a new array (d,); raise if shape or values are wrong."""
         return finite_vector("pose", pose, self.dof)
 
-    def check_load(self, load: ArrayLike | None) -> NDArray[np.float64]:
+    def check_load(self, load: ArrayLike | None) -> Array:
         """Return `load` as a new array (d,): (Fx, Fy), on a platform also M; missing parts are zero."""
         full = np.zeros(self.dof)
         if load is None:
@@ -181,12 +215,12 @@ class Mechanism:
         full[:size] = finite_vector("load", load, size)
         return full
 
-    def hinges(self, pose: ArrayLike) -> NDArray[np.float64]:
+    def hinges(self, pose: ArrayLike) -> Array:
         """Return where the hinges are at a pose, (legs, 2), in m."""
         pose = self.check_pose(pose)
         phi = pose[2] if self.dof == 3 else 0.0
         turn = np.array([[math.cos(phi), -math.sin(phi)], [math.sin(phi), math.cos(phi)]])
-        hinges: NDArray[np.float64] = pose[:2] + np.array([leg.attachment for leg in self.legs]) @ turn.T
+        hinges: Array = pose[:2] + np.array([leg.attachment for leg in self.legs]) @ turn.T
         return hinges
 
     def __hash__(self) -> int:

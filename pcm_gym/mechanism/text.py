@@ -4,10 +4,10 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
+from pcm_gym.mechanism.leg import Actuator, Leg, Prismatic, Revolute, Rod
 from pcm_gym.mechanism.mechanism import Mechanism
 
-_ACTUATORS: dict[str, type[Revolute | Prismatic]] = {"revolute": Revolute, "prismatic": Prismatic}
+_ACTUATORS: dict[str, type[Actuator]] = {"revolute": Revolute, "prismatic": Prismatic}
 
 
 def mechanism_to_json(mechanism: Mechanism) -> str:

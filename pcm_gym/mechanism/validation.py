@@ -42,11 +42,14 @@ def finite_tuple(name: str, value: Any, size: int) -> tuple[float, ...]:
 
 
 def finite_vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
-    """Return a new float array of `value`; raise unless it holds exactly `size` finite numbers."""
+    """Return a new float array of `value`; raise unless it holds exactly `size` finite numbers, and no strings."""
     try:
         vector = np.array(value, dtype=np.float64)
+        is_text = np.asarray(value).dtype.kind in "SU"
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be {size} numbers, got {value!r}") from None
+        is_text = True
+    if is_text:
+        raise TypeError(f"{name} must be {size} numbers, got {value!r}")
     if vector.shape != (size,):
         raise ValueError(f"{name} must have shape ({size},), got shape {vector.shape}: {value!r}")
     if not np.isfinite(vector).all():

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
-from pcm_gym.mechanism import Leg, Mechanism, Revolute
+from pcm_gym.mechanism import Leg, Mechanism
 
 Bounds = tuple[float, float, float, float]  # x_min, x_max, y_min, y_max, in m
 
@@ -75,10 +75,8 @@ def reach_bounds(mechanism: Mechanism) -> Bounds:
 def rail_ends(leg: Leg) -> Array:
     """Return the clamped base point at both limits of the leg's actuator, (2, 2), in m."""
     actuator = leg.actuator
-    if isinstance(actuator, Revolute):
-        return np.array([actuator.base, actuator.base])
-    axis = np.array([math.cos(actuator.axis_angle), math.sin(actuator.axis_angle)])
-    return np.array(actuator.base) + np.outer(actuator.limits, axis)
+    ends: Array = np.array(actuator.base) + np.outer(actuator.limits, actuator.axis)
+    return ends
 
 
 def _farthest(mechanism: Mechanism, direction: tuple[float, float]) -> float:

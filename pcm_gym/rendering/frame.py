@@ -1,6 +1,7 @@
 """Frames of a mechanism: one equilibrium, and what is around and ahead of it, as an array of pixels."""
 
 from collections.abc import Sequence
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +27,15 @@ _LEGEND_SIZE_MIN = 300  # a smaller frame has no room for the legend
 _POINTS = 60
 
 Frame = NDArray[np.uint8]
+
+
+class Surroundings(TypedDict, total=False):
+    """What is drawn behind an equilibrium; `FrameRenderer.draw` tells what each is."""
+
+    trail: ArrayLike | None
+    ghosts: Sequence[Equilibrium]
+    target: Equilibrium | None
+    path: ArrayLike | None
 
 
 class FrameRenderer:
@@ -90,14 +100,11 @@ class FrameRenderer:
         equilibrium: Equilibrium,
         goal: ArrayLike | None = None,
         success_distance: float | None = None,
-        trail: ArrayLike | None = None,
-        stability_lost: bool = False,
-        caption: str = "",
         *,
-        ghosts: Sequence[Equilibrium] = (),
-        target: Equilibrium | None = None,
-        path: ArrayLike | None = None,
+        stability_lost: bool = False,
         snapped: bool = False,
+        caption: str = "",
+        **surroundings: Unpack[Surroundings],
     ) -> Frame:
         """Return the frame of an equilibrium; a load on it is drawn as an arrow.
 
@@ -109,21 +116,21 @@ class FrameRenderer:
             Pose to reach, m and rad.
         success_distance : float, optional
             Radius of success around the goal, in m.
-        trail : array_like (n, 2), optional
-            Past positions of the end-effector, oldest first, in m.
         stability_lost : bool
             Whether the motion has just met a fold or bifurcation: red, framed and labelled as such.
+        snapped : bool
+            Whether the mechanism has just snapped to this equilibrium: labelled as such, calmly. No label if it is
+            unstable or `stability_lost`, which have their own.
         caption : str
             Small text at the lower left; cut where there is no room for it.
+        trail : array_like (n, 2), optional
+            Past positions of the end-effector, oldest first, in m.
         ghosts : sequence of Equilibrium
             Others at the same inputs, faint behind the present one: stable ones solid, unstable ones dashed.
         target : Equilibrium, optional
             The equilibrium to go to, in the goal's colour.
         path : array_like (n, d), optional
             Poses along which the goal moves, m and rad. Closed if it ends where it begins.
-        snapped : bool
-            Whether the mechanism has just snapped to this equilibrium: labelled as such, calmly. No label if it is
-            unstable or `stability_lost`, which have their own.
 
         Returns
         -------
@@ -137,20 +144,11 @@ class FrameRenderer:
         """
         mechanism, style = self._mechanism, self._style
         self._check_mechanism("equilibrium", equilibrium)
-        for ghost in ghosts:
-            self._check_mechanism("ghosts", ghost)
-        if target is not None:
-            self._check_mechanism("target", target)
         goal_pose = None if goal is None else mechanism.check_pose(goal)
-        trail_points, path_poses = _check_rows("trail", trail, 2), _check_rows("path", path, mechanism.dof)
         alarm = "STABILITY LOST" if stability_lost else "" if equilibrium.is_stable else "UNSTABLE"
 
         canvas = self._canvas(self._backdrop.copy())
-        draw_path(canvas, style, mechanism, path_poses)
-        draw_ghosts(canvas, style, ghosts)
-        if target is not None:
-            draw_target(canvas, style, target)
-        draw_trail(canvas, style, trail_points)
+        self._draw_surroundings(canvas, **surroundings)
         lines = equilibrium_polylines(equilibrium, _POINTS)
         self._draw_platforms(canvas, lines, goal_pose)
         self._draw_legs(canvas, lines, alarm=bool(alarm))
@@ -176,6 +174,23 @@ class FrameRenderer:
             draw_workspace(canvas, self._style, workspace)
         parts.draw_rails(canvas, self._style, self._mechanism)
         return canvas.image
+
+    def _draw_surroundings(
+        self,
+        canvas: Canvas,
+        trail: ArrayLike | None = None,
+        ghosts: Sequence[Equilibrium] = (),
+        target: Equilibrium | None = None,
+        path: ArrayLike | None = None,
+    ) -> None:
+        for ghost in ghosts:
+            self._check_mechanism("ghosts", ghost)
+        draw_path(canvas, self._style, self._mechanism, _check_rows("path", path, self._mechanism.dof))
+        draw_ghosts(canvas, self._style, ghosts)
+        if target is not None:
+            self._check_mechanism("target", target)
+            draw_target(canvas, self._style, target)
+        draw_trail(canvas, self._style, _check_rows("trail", trail, 2))
 
     def _draw_platforms(self, canvas: Canvas, lines: Polylines, goal: NDArray[np.float64] | None) -> None:
         if self._mechanism.dof != 3:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pcm_gym.arrays import Array
-from pcm_gym.mechanism import Leg, Mechanism, Revolute
+from pcm_gym.mechanism import Leg, Mechanism
 from pcm_gym.rendering.camera import rail_ends
 from pcm_gym.rendering.canvas import Canvas
 from pcm_gym.rendering.polylines import Polylines
@@ -17,12 +17,13 @@ _ARC_POINTS = 40
 def draw_rails(canvas: Canvas, style: Style, mechanism: Mechanism) -> None:
     """Draw the rail of each slider between its limits, with a stop at both."""
     for leg in mechanism.legs:
-        if isinstance(leg.actuator, Revolute):
+        angle = leg.actuator.rail_angle
+        if angle is None:
             continue
         ends = rail_ends(leg)
         canvas.polyline(ends, style.metal_light, 4.0)
         for end in ends:
-            canvas.box(end, leg.actuator.axis_angle, (-1.5, 1.5), 12.0, style.metal_light)
+            canvas.box(end, angle, (-1.5, 1.5), 12.0, style.metal_light)
 
 
 def draw_actuators(canvas: Canvas, style: Style, mechanism: Mechanism, lines: Polylines) -> None:
@@ -65,7 +66,7 @@ def draw_load(canvas: Canvas, style: Style, mechanism: Mechanism, load: Array, p
 
     Lengths grow as x / (1 + x), where x = 1 is a force EI / L^2 or a moment EI / L: weak loads show, strong ones fit.
     """
-    parts = load / mechanism.units.load
+    parts = mechanism.units.kernel_from_load(load)
     force = math.hypot(parts[0], parts[1])
     if force > 0.0:
         length = canvas.metres(_between(style.force_lengths, force))
@@ -85,10 +86,11 @@ def _between(ends: tuple[float, float], size: float) -> float:
 
 
 def _draw_body(canvas: Canvas, style: Style, leg: Leg, base: Array) -> None:
-    if isinstance(leg.actuator, Revolute):
+    angle = leg.actuator.rail_angle
+    if angle is None:
         canvas.disc(base, style.motor_radius, style.metal_light, style.metal, style.outline_width)
         return
     half = style.motor_radius
     for grown, colour in ((style.outline_width, style.metal), (0.0, style.metal_light)):
         extent = (-half - grown, half + grown)
-        canvas.box(base, leg.actuator.axis_angle, extent, 1.3 * half + 2.0 * grown, colour)
+        canvas.box(base, angle, extent, 1.3 * half + 2.0 * grown, colour)

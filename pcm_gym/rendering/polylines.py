@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcm_gym.arrays import Array
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving import Equilibrium
 
 
@@ -69,6 +69,5 @@ def platform_points(mechanism: Mechanism, pose: Array) -> Array:
 
 
 def _clamp_angles(mechanism: Mechanism, inputs: Array) -> Array:
-    actuators = [leg.actuator for leg in mechanism.legs]
-    turns = [float(value) if isinstance(part, Revolute) else 0.0 for part, value in zip(actuators, inputs, strict=True)]
-    return np.array([part.clamp_angle for part in actuators]) + turns
+    legs = zip(mechanism.legs, inputs.tolist(), strict=True)
+    return np.array([leg.actuator.clamp_direction(value) for leg, value in legs])

@@ -1,4 +1,22 @@
-"""Solving mechanisms: equilibria, branches, stability."""
+"""Solving mechanisms: equilibria, branches, stability.
+
+Read `equilibrium` first, the value that all others take and return. `enumeration` finds every one at given inputs or at
+a given pose (`solutions`: sets of them; `certification`: the proof that a set is complete), and `home` chooses one.
+`tracking` follows one along a way, `relaxation` lets it fall, `fold_distance` measures how far it is from falling.
+`singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
+all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
+rasters (`raster`, `raster_states`, `atlas_file`). `progress` shows how far a search is.
+
+Symbols
+-------
+d : degrees of freedom of the end-effector: 2, (x, y), or 3, (x, y, phi).
+state, x : the kernels' dimensionless state, (2 legs + d,): the load of each rod as its tip sees it, then the pose.
+y, unknowns : state and dimensionless inputs in one vector, (2 legs + d + legs,).
+rho, rho_max : dimensionless load L sqrt(|f| / EI) of a rod, and the largest one looked for.
+
+Public functions take and return N, m and rad. `Units` leads into the kernels, and out of them, at their door; an
+`Equilibrium` goes in by its `kernel_values`.
+"""
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
@@ -12,7 +30,8 @@ from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
 from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
-from pcm_gym.solving.singularities import CurveEnd, SingularCurve, forward_singularities, inverse_singularities
+from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
+from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
 from pcm_gym.solving.solutions import EquilibriumSet, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts import flood
 from pcm_gym.kernels.numerics.rasters import INPUTS, POSES, Rasters
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_number, one_of, whole_number
 from pcm_gym.solving.atlas_file import read_atlas, write_atlas
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -237,9 +237,9 @@ class Atlas:
 
     @cached_property
     def _problem(self) -> flood.Problem:
-        units = self.mechanism.units
         rasters = flat_rasters(self.over_inputs.raster, self.over_poses.raster, self.mechanism)
-        return flood.make_problem(self.mechanism.leg_table, self.load / units.load, self.rho_max, rasters)
+        load = self.mechanism.units.kernel_from_load(self.load)
+        return flood.make_problem(self.mechanism.leg_table, load, self.rho_max, rasters)
 
     def _sheets(self, over: Over) -> RasterStates:
         one_of("over", over, list(_SPACES))
@@ -253,24 +253,27 @@ class Atlas:
     def _stored(self, over: Over, rows: Integers) -> StableStates:
         """Return equilibria of the sheets as they are stored, in single precision."""
         sheets, units = self._sheets(over), self.mechanism.units
-        states = np.concatenate([sheets.rods[rows], sheets.poses[rows] / units.pose], axis=1)
+        states = np.concatenate(
+            [sheets.rods[rows], units.kernel_from_pose(sheets.poses[rows].astype(np.float64))], axis=1
+        )
         inputs = sheets.inputs[rows].astype(np.float64)
         return StableStates(self.mechanism, self.load, states, inputs, sheets.branches[rows])
 
     def _moved(self, over: Over, start: StableStates, targets: Array) -> StableStates:
         """Return the equilibria moved to inputs or poses (n, d), those left out that get lost on the way."""
         units, states = self.mechanism.units, start.states.copy()
-        inputs = start.inputs / units.inputs
-        scaled = np.ascontiguousarray(targets / (units.inputs if over == "inputs" else units.pose))
+        inputs = units.kernel_from_inputs(start.inputs)
+        to_kernel = units.kernel_from_inputs if over == "inputs" else units.kernel_from_pose
+        scaled = np.ascontiguousarray(to_kernel(targets))
         is_stable = flood.move_all(self._problem, _SPACES[over], states, inputs, scaled) >= 0.0
-        moved = StableStates(self.mechanism, self.load, states, inputs * units.inputs, start.branches)
+        moved = StableStates(self.mechanism, self.load, states, units.inputs_from_kernel(inputs), start.branches)
         return moved[is_stable]
 
     def _at(self, over: Over, point: Array) -> StableStates:
         sheets = self._sheets(over)
         near = self._stored(over, sheets.rows(sheets.raster.cells_around(point)))
         there = self._moved(over, near, np.tile(point, (len(near), 1)))
-        there = there[flood.mark_first(there.states, there.inputs / self.mechanism.units.inputs)]
+        there = there[flood.mark_first(there.states, self.mechanism.units.kernel_from_inputs(there.inputs))]
         return there[np.argsort([found.energy for found in there])]
 
     def _matched(self, over: Over, own: StableStates, point: Array) -> int | None:
@@ -284,7 +287,7 @@ class Atlas:
             for row in range(len(known) if len(arrived) else 0):
                 pair = np.concatenate([arrived.states, known.states[row : row + 1]])
                 pair_inputs = np.concatenate([arrived.inputs, known.inputs[row : row + 1]])
-                if not flood.mark_first(pair, pair_inputs / self.mechanism.units.inputs)[1]:
+                if not flood.mark_first(pair, self.mechanism.units.kernel_from_inputs(pair_inputs))[1]:
                     return int(known.branches[row])
         return None
 
@@ -307,13 +310,12 @@ def flat_rasters(inputs: Raster, poses: Raster, mechanism: Mechanism) -> Rasters
 
     For them the inputs of a motor are closed where its limits are a full turn apart.
     """
-    scales = np.array([mechanism.units.inputs, mechanism.units.pose])
-    spans = inputs.pitch * inputs.shape
-    is_motor = [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
-    is_full_turn = is_motor & np.isclose(spans, 2.0 * np.pi, rtol=1e-9) & (np.array(inputs.shape) > 3)
+    units, spans = mechanism.units, inputs.pitch * inputs.shape
+    periods = np.array([leg.actuator.period for leg in mechanism.legs])
+    is_full_turn = (periods > 0.0) & np.isclose(spans, periods, rtol=1e-9) & (np.array(inputs.shape) > 3)
     return Rasters(
         np.array([inputs.shape, poses.shape]),
-        np.array([inputs.first_node, poses.first_node]) / scales,
-        np.array([inputs.pitch, poses.pitch]) / scales,
+        np.array([units.kernel_from_inputs(inputs.first_node), units.kernel_from_pose(poses.first_node)]),
+        np.array([units.kernel_from_inputs(inputs.pitch), units.kernel_from_pose(poses.pitch)]),
         np.array([is_full_turn, poses.is_closed]),
     )

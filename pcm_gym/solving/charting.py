@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,7 @@ _EXPANDED_AT_ONCE = 2048
 
 
 @dataclass(frozen=True)
-class _Resolution:
+class _Defaults:
     """Default resolution of an atlas."""
 
     pitch: float  # of the poses, in mean rod lengths
@@ -32,10 +33,19 @@ class _Resolution:
     seed_nodes: int  # inputs along each axis at which equilibria are sought to start from
 
 
-_POINT = _Resolution(pitch=1.0 / 200.0, input_cells=160, seed_nodes=12)
-_PLATFORM = _Resolution(pitch=1.0 / 100.0, input_cells=24, seed_nodes=3)
+_POINT = _Defaults(pitch=1.0 / 200.0, input_cells=160, seed_nodes=12)
+_PLATFORM = _Defaults(pitch=1.0 / 100.0, input_cells=24, seed_nodes=3)
 # Cells of a platform's full turn.
 _ANGLE_CELLS = 120
+
+
+class Resolution(TypedDict, total=False):
+    """How finely an atlas is made, and of which angle; `build_atlas` tells the defaults."""
+
+    pitch: float | None
+    input_cells: int | None
+    seed_nodes: int | None
+    orientation: float | None
 
 
 def build_atlas(
@@ -43,11 +53,8 @@ def build_atlas(
     load: ArrayLike | None = None,
     rho_max: float = 9.0,
     *,
-    pitch: float | None = None,
-    input_cells: int | None = None,
-    seed_nodes: int | None = None,
-    orientation: float | None = None,
     progress: bool = True,
+    **resolution: Unpack[Resolution],
 ) -> Atlas:
     """Return the atlas of a mechanism: its stable equilibria over inputs and poses, branch by branch.
 
@@ -58,6 +65,8 @@ def build_atlas(
         Load on the end-effector, N and N m; none by default.
     rho_max : float
         Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+    progress : bool
+        Whether to show progress on standard error.
     pitch : float, optional
         Pitch of the raster of positions, m: by default 1/200 of the mean rod length, for a platform 1/100. A platform's
         angle has cells of 3 degrees.
@@ -70,8 +79,6 @@ def build_atlas(
     orientation : float, optional
         Only this angle of a platform, rad: its constant-orientation workspace at less cost. The angle's cell remains
         3 degrees wide.
-    progress : bool
-        Whether to show progress on standard error.
 
     Returns
     -------
@@ -88,20 +95,12 @@ def build_atlas(
     microseconds for each equilibrium, and for each seed a few ms, for a platform up to a second: 15 s for the 2RFR of
     the catalogue.
     """
-    defaults = _POINT if mechanism.dof == 2 else _PLATFORM
-    step = positive_number("pitch", defaults.pitch * mechanism.units.length if pitch is None else pitch)
-    nodes = whole_number("seed_nodes", defaults.seed_nodes if seed_nodes is None else seed_nodes, least=1)
-    cells = whole_number("input_cells", defaults.input_cells if input_cells is None else input_cells, least=1)
-    chart = _Chart(
-        mechanism,
-        mechanism.check_load(load),
-        positive_number("rho_max", rho_max),
-        _input_raster(mechanism, cells),
-        _pose_raster(mechanism, step, orientation),
-    )
+    over_inputs, over_poses, seeds = _rasters(mechanism, **resolution)
+    load = mechanism.check_load(load)
+    chart = _Chart(mechanism, load, positive_number("rho_max", rho_max), over_inputs, over_poses)
     with progress_bars("atlas", progress) as bars:
         home = chart.plant(_home(chart))
-        for inputs in bars.track(_input_raster(mechanism, nodes).all_nodes, description="seeds"):
+        for inputs in bars.track(seeds.all_nodes, description="seeds"):
             chart.plant(solve_forward(mechanism, inputs, chart.load, chart.rho_max).stable)
         filled = bars.add_task("equilibria")
         while chart.is_growing:
@@ -119,7 +118,7 @@ class _Chart:
         self.mechanism, self.load, self.rho_max = mechanism, load, rho_max
         self.over_inputs, self.over_poses = over_inputs, over_poses
         rasters = flat_rasters(over_inputs, over_poses, mechanism)
-        self.problem = flood.make_problem(mechanism.leg_table, load / mechanism.units.load, rho_max, rasters)
+        self.problem = flood.make_problem(mechanism.leg_table, mechanism.units.kernel_from_load(load), rho_max, rasters)
         self.pool = _make_pool(mechanism, over_inputs.size + over_poses.size)
 
     @property
@@ -132,8 +131,8 @@ class _Chart:
         self._make_room(2 * len(equilibria))
         planted = -1
         for found in equilibria:
-            inputs = found.inputs / self.mechanism.units.inputs
-            planted = flood.plant(self.problem, self.pool, np.array(found.state), inputs)
+            state, inputs, _ = found.kernel_values()
+            planted = flood.plant(self.problem, self.pool, state, inputs)
         return planted
 
     def flood(self, most: int) -> None:
@@ -174,14 +173,14 @@ class _Chart:
     ) -> RasterStates:
         pool, units, rods = self.pool, self.mechanism.units, 2 * self.mechanism.leg_count
         rows = rows[np.lexsort((energies[rows], pool.cell[rows]))]
-        poses = pool.x[rows, rods:] * units.pose
+        poses = units.pose_from_kernel(pool.x[rows, rods:])
         poses[:, 2:] = math.pi - np.remainder(math.pi - poses[:, 2:], 2.0 * math.pi)
         counts = np.bincount(pool.cell[rows] - offset, minlength=raster.size)
         return RasterStates(
             raster,
             np.concatenate([[0], np.cumsum(counts)]),
             branches[rows],
-            (pool.inputs[rows] * units.inputs).astype(np.float32),
+            units.inputs_from_kernel(pool.inputs[rows]).astype(np.float32),
             poses.astype(np.float32),
             pool.x[rows, :rods].astype(np.float32),
             pool.margin[rows].astype(np.float32),
@@ -211,6 +210,22 @@ def _numbered(roots: Integers, is_input: Mask) -> NDArray[np.int32]:
     ranks = np.empty(len(kinds), dtype=np.int32)
     ranks[np.lexsort((-input_counts, -pose_counts))] = np.arange(len(kinds))
     return ranks[members]
+
+
+def _rasters(
+    mechanism: Mechanism,
+    pitch: float | None = None,
+    input_cells: int | None = None,
+    seed_nodes: int | None = None,
+    orientation: float | None = None,
+) -> tuple[Raster, Raster, Raster]:
+    """Return the rasters of inputs and of poses, and the one whose nodes are the seeds' inputs; see `build_atlas`."""
+    defaults = _POINT if mechanism.dof == 2 else _PLATFORM
+    step = positive_number("pitch", defaults.pitch * mechanism.units.length if pitch is None else pitch)
+    nodes = whole_number("seed_nodes", defaults.seed_nodes if seed_nodes is None else seed_nodes, least=1)
+    cells = whole_number("input_cells", defaults.input_cells if input_cells is None else input_cells, least=1)
+    over_poses = _pose_raster(mechanism, step, orientation)
+    return _input_raster(mechanism, cells), over_poses, _input_raster(mechanism, nodes)
 
 
 def _input_raster(mechanism: Mechanism, count: int) -> Raster:

@@ -10,9 +10,8 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.branches.curves import Problem, crossing_segments, point_beside
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE
-from pcm_gym.mechanism import Revolute
 from pcm_gym.solving.equilibrium import Equilibrium
-from pcm_gym.solving.singularities import SingularCurve
+from pcm_gym.solving.singular_curve import SingularCurve
 
 _FIRST_CAPACITY = 1 << 10
 _NEWTON_STEPS = 12
@@ -79,22 +78,18 @@ class _Plane:
 
     def __init__(self, curve: SingularCurve) -> None:
         mechanism, size = curve.mechanism, curve.mechanism.state_size
-        units = mechanism.units
         self._mechanism, self._load, self._is_forward = mechanism, curve.load, curve.is_forward
         first = size if curve.is_forward else 2 * mechanism.leg_count
         self._columns = [first + k for k in curve.plane]
-        self.units = (units.inputs if curve.is_forward else units.pose)[list(curve.plane)]
-        is_angle = (
-            [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
-            if curve.is_forward
-            else [k == 2 for k in range(mechanism.dof)]
-        )
-        self.periods = np.array([2.0 * math.pi if is_angle[k] else 0.0 for k in curve.plane])
+        self.units = curve.plane_units
+        periods = [leg.actuator.period for leg in mechanism.legs] if curve.is_forward else [0.0, 0.0, 2.0 * math.pi]
+        self.periods = np.array([periods[k] for k in curve.plane])
         held = [first + k for k in range(mechanism.leg_count) if k not in curve.plane]
         box = np.tile([-math.inf, math.inf, 0.0], (size + mechanism.leg_count, 1))
         conditions = np.eye(size + mechanism.leg_count)[held]
         kind = FORWARD if curve.is_forward else INVERSE
-        self._problem = Problem(curve.load / units.load, conditions, box, math.inf, kind, True)
+        load = mechanism.units.kernel_from_load(curve.load)
+        self._problem = Problem(load, conditions, box, math.inf, kind, True)
 
     def wrapped(self, gap: Array) -> Array:
         """Return a difference of two points without the full turns in it."""
@@ -144,9 +139,10 @@ class _Plane:
         is_one_state = np.abs(ends[1][:size] - ends[0][:size]).max() < _SAME_STATE
         if is_one_state or not (_is_within(first, k, ends[0]) and _is_within(second, n, ends[1])):
             return None
-        inputs = [end[size:] * self._mechanism.units.inputs for end in ends]
+        inputs = [self._mechanism.units.inputs_from_kernel(end[size:]) for end in ends]
         equilibria = tuple(
-            Equilibrium(self._mechanism, end[:size], own, self._load) for end, own in zip(ends, inputs, strict=True)
+            Equilibrium.unchecked(self._mechanism, end[:size], own, self._load)
+            for end, own in zip(ends, inputs, strict=True)
         )
         return (equilibria[0], equilibria[1]), ends[0][self._columns] * self.units
 

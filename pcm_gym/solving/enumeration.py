@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.enumeration.found import Found
+from pcm_gym.kernels.enumeration.found import Found, make_found
 from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish_combinations
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -85,12 +85,12 @@ def solve_forward(
     if certify and mechanism.leg_count != 2:
         raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = inputs / mechanism.units.inputs, mechanism.leg_table
+    scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
     sheets = _sheets(problem.rho_max, problem.refinement)
     find = partial(find_starts, legs, scaled, problem.scaled_load, sheets)
     (starts,) = problem.filled(find, (mechanism.state_size, np.float64))
-    found = problem.room()
-    count = polish_starts(legs, scaled, problem.scaled_load, problem.rho_max, starts, found)
+    found = problem.room(is_inverse=False)
+    count = polish_starts(legs, scaled, problem.scaled_load, starts, found)
     states, certificate = found.x[:count], None
     if certify:
         states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
@@ -140,13 +140,13 @@ def solve_inverse(
     if certify:
         raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = pose / mechanism.units.pose, mechanism.leg_table
+    scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
     unit = _unit_rod(problem.rho_max, problem.refinement)
     find = partial(find_combinations, legs, scaled, problem.scaled_load, unit)
     cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
-    found = problem.room()
+    found = problem.room(is_inverse=True)
     count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
-    own_inputs = found.inputs[:count] * mechanism.units.inputs
+    own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
     return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
 
 
@@ -182,8 +182,7 @@ class _Problem:
 
     @property
     def scaled_load(self) -> Array:
-        scaled: Array = self.load / self.mechanism.units.load
-        return scaled
+        return self.mechanism.units.kernel_from_load(self.load)
 
     def filled(self, find: Callable[..., int], *columns: tuple[int, type]) -> list[NDArray[Any]]:
         """Return arrays with these numbers and types of columns, with as many rows as `find` fills of them.
@@ -200,21 +199,18 @@ class _Problem:
                 return [array[:count] for array in arrays]
         raise ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
 
-    def room(self) -> Found:
+    def room(self, *, is_inverse: bool) -> Found:
         """Return arrays for the equilibria to be found."""
         mechanism = self.mechanism
-        return Found(
-            np.empty((_MOST_FOUND, mechanism.state_size)),
-            np.empty((_MOST_FOUND, mechanism.leg_count)),
-            np.empty(_MOST_FOUND, dtype=np.int64),
-        )
+        return make_found(_MOST_FOUND, mechanism.leg_count, mechanism.state_size, self.rho_max, is_inverse)
 
     def solutions(
         self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None
     ) -> EquilibriumSet:
         """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
         equilibria = [
-            Equilibrium(self.mechanism, state, own, self.load) for state, own in zip(states, inputs, strict=True)
+            Equilibrium.unchecked(self.mechanism, state, own, self.load)
+            for state, own in zip(states, inputs, strict=True)
         ]
         reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
         if self.modes is not None and equilibria:
@@ -252,6 +248,6 @@ def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
         distance = leg.actuator.distance(hinge)
         if distance > leg.rod.length:
             return f"the hinge of leg {i} is {distance:g} from its actuator and the rod is {leg.rod.length:g} long"
-        if distance == 0.0 and isinstance(leg.actuator, Revolute):
+        if distance == 0.0 and leg.actuator.is_angle:
             return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
     return ""

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import finite_vector
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,26 @@ class RodState:
     force: Array
 
 
+class _Facts(NamedTuple):
+    """All that the kernels tell of one equilibrium, dimensionless."""
+
+    energy: float
+    residual: float
+    stability_margin: float
+    singularity_margin: float
+    rods: Array  # (legs, 6): modulus, psi, mode, rho, force along x and y
+    stiffness: Array  # (d, d)
+    jacobian: Array  # (d, legs)
+    morse_index: int
+    is_regular: bool  # whether the Jacobian exists
+
+
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """An equilibrium of a mechanism at given inputs and load.
 
-    Solvers make it; its numbers are computed on first use from the rods' loads in `state`.
+    Solvers make it; its numbers are computed on first use from the rods' loads in `state`. It is a value: two with the
+    same mechanism, state, inputs and load, to the last bit, are equal.
 
     Attributes
     ----------
@@ -51,6 +67,11 @@ class Equilibrium:
         Actuator inputs, rad or m.
     load : array (d,)
         External load on the end-effector at its origin, N (and N m).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a part is of the wrong kind or shape, or not finite. Whether the state is an equilibrium, `residual` tells.
     """
 
     mechanism: Mechanism
@@ -59,30 +80,61 @@ class Equilibrium:
     load: Array
 
     def __post_init__(self) -> None:
-        for name in ("state", "inputs", "load"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        mechanism = self.mechanism
+        if not isinstance(mechanism, Mechanism):
+            raise TypeError(f"mechanism must be a Mechanism, got {mechanism!r}")
+        sizes = {"state": mechanism.state_size, "inputs": mechanism.leg_count, "load": mechanism.dof}
+        self.__dict__.update(
+            {name: _frozen(finite_vector(name, getattr(self, name), size)) for name, size in sizes.items()}
+        )
+
+    @classmethod
+    def unchecked(cls, mechanism: Mechanism, state: Array, inputs: Array, load: Array) -> "Equilibrium":
+        """Return an equilibrium of copies of arrays that are known to be right: solvers make hundreds at a time."""
+        made = cls.__new__(cls)
+        made.__dict__.update(mechanism=mechanism, state=_frozen(state), inputs=_frozen(inputs), load=_frozen(load))
+        return made
+
+    def kernel_values(self) -> tuple[Array, Array, Array]:
+        """Return state, inputs and load as the kernels take them: new arrays, dimensionless."""
+        units = self.mechanism.units
+        return self.state.copy(), units.kernel_from_inputs(self.inputs), units.kernel_from_load(self.load)
 
     @cached_property
-    def _facts(self) -> tuple[Array, Array, Array, Array, int, bool]:
-        mechanism, units = self.mechanism, self.mechanism.units
-        return describe_equilibrium(
-            mechanism.leg_table, np.array(self.state), self.inputs / units.inputs, self.load / units.load
-        )
+    def _key(self) -> tuple[Mechanism, bytes, bytes, bytes]:
+        """What makes equilibria equal; adding zero makes one zero of the two."""
+        state, inputs, load = ((array + 0.0).tobytes() for array in (self.state, self.inputs, self.load))
+        return self.mechanism, state, inputs, load
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether `other` is the same state of the same mechanism at the same inputs and load."""
+        return self is other or (isinstance(other, Equilibrium) and self._key == other._key)
+
+    def __hash__(self) -> int:
+        """Return the hash of what makes equilibria equal, worked out once."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self._key)
+
+    @cached_property
+    def _facts(self) -> _Facts:
+        scalars, *others = describe_equilibrium(self.mechanism.leg_table, *self.kernel_values())
+        return _Facts._make([*scalars.tolist(), *others])
 
     @property
     def pose(self) -> Array:
         """Pose of the end-effector, (x, y) in m or (x, y, phi) with phi in rad."""
-        return self.state[2 * self.mechanism.leg_count :] * self.mechanism.units.pose
+        return self.mechanism.units.pose_from_kernel(self.state[2 * self.mechanism.leg_count :])
 
     @cached_property
     def rods(self) -> tuple[RodState, ...]:
         """The rods in the paper's parameters, one per leg."""
-        force_unit = self.mechanism.units.force
+        rods, force_unit = self._facts.rods, self.mechanism.units.force
         return tuple(
-            RodState(float(row[0]), float(row[1]), int(row[2]), float(row[3]), row[4:6] * force_unit)
-            for row in self._facts[1]
+            RodState(modulus, psi, int(mode), rho, force * force_unit)
+            for (modulus, psi, mode, rho), force in zip(rods[:, :4].tolist(), rods[:, 4:], strict=True)
         )
 
     @property
@@ -93,17 +145,17 @@ class Equilibrium:
     @property
     def energy(self) -> float:
         """Bending energy of the rods less the work of the load on the end-effector, in J."""
-        return float(self._facts[0][0]) * self.mechanism.units.energy
+        return self._facts.energy * self.mechanism.units.energy
 
     @property
     def residual(self) -> float:
         """Largest error of closure, relative to the mean rod length, or of equilibrium, relative to 1 + force."""
-        return float(self._facts[0][1])
+        return self._facts.residual
 
     @property
     def index(self) -> int:
         """Morse index: number of unstable directions of the rods' whole energy under the closure constraints."""
-        return self._facts[4]
+        return self._facts.morse_index
 
     @property
     def is_stable(self) -> bool:
@@ -113,7 +165,7 @@ class Equilibrium:
     @property
     def stability_margin(self) -> float:
         """Least eigenvalue of the stiffness, dimensionless (EI = L = 1); means stability only of a stable state."""
-        return float(self._facts[0][2])
+        return self._facts.stability_margin
 
     @property
     def singularity_margin(self) -> float:
@@ -123,12 +175,12 @@ class Equilibrium:
         linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
         fold is near it means nothing but that; it is at most 10.
         """
-        return float(self._facts[0][3])
+        return self._facts.singularity_margin
 
     @property
     def stiffness(self) -> Array:
         """Stiffness of the end-effector, d force / d pose at fixed inputs, (d, d), in N/m, N and N m."""
-        return self._facts[2] * self.mechanism.units.stiffness
+        return self._facts.stiffness * self.mechanism.units.stiffness
 
     @property
     def forward_jacobian(self) -> Array:
@@ -139,11 +191,9 @@ class Equilibrium:
         numpy.linalg.LinAlgError
             At a singular point, where it does not exist.
         """
-        *_, jacobian, _, is_regular = self._facts
-        if not is_regular:
+        if not self._facts.is_regular:
             raise np.linalg.LinAlgError("the forward Jacobian does not exist: this equilibrium is a singular point")
-        units = self.mechanism.units
-        return jacobian * np.outer(units.pose, 1.0 / units.inputs)
+        return self._facts.jacobian * self.mechanism.units.jacobian
 
     @property
     def within_limits(self) -> bool:
@@ -168,7 +218,8 @@ class Equilibrium:
             raise ValueError(f"points must be at least 2, got {points}")
         mechanism = self.mechanism
         shapes = np.empty((mechanism.leg_count, points, 2))
-        set_world_shapes(mechanism.leg_table, np.array(self.state), self.inputs / mechanism.units.inputs, shapes)
+        state, inputs, _ = self.kernel_values()
+        set_world_shapes(mechanism.leg_table, state, inputs, shapes)
         return shapes * mechanism.units.length
 
     def __getstate__(self) -> dict[str, Any]:
@@ -176,9 +227,9 @@ class Equilibrium:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            object.__setattr__(self, name, value)
-        self.__post_init__()
+        self.__dict__.update(
+            {name: _frozen(value) if isinstance(value, np.ndarray) else value for name, value in state.items()}
+        )
 
     def __repr__(self) -> str:
         """Return a line with what identifies the equilibrium."""
@@ -187,3 +238,10 @@ class Equilibrium:
             f"Equilibrium({self.mechanism.name}, pose=({pose}), modes={self.modes}, index={self.index}, "
             f"energy={self.energy:.6g})"
         )
+
+
+def _frozen(array: Array) -> Array:
+    """Return a copy that cannot be written to."""
+    frozen = np.array(array, dtype=np.float64)
+    frozen.setflags(write=False)
+    return frozen

@@ -72,7 +72,8 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
     """
     if reach is None:
         mechanism = equilibrium.mechanism
-        reach = float(np.linalg.norm((mechanism.upper_limits - mechanism.lower_limits) / mechanism.units.inputs))
+        ranges = mechanism.units.kernel_from_inputs(mechanism.upper_limits - mechanism.lower_limits)
+        reach = float(np.linalg.norm(ranges))
     return _Search(equilibrium, positive_number("reach", reach)).run()
 
 
@@ -84,8 +85,7 @@ class _Search:
         self._start, self._reach = equilibrium, reach
         self._legs = mechanism.leg_table.copy()
         self._legs[:, LOWER], self._legs[:, UPPER] = -math.inf, math.inf
-        self._inputs = equilibrium.inputs / mechanism.units.inputs
-        self._load = equilibrium.load / mechanism.units.load
+        _, self._inputs, self._load = equilibrium.kernel_values()
         self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
         self._work: Workspace = make_workspace(mechanism.leg_count, mechanism.state_size)
 
@@ -101,9 +101,10 @@ class _Search:
         hits.sort(key=lambda hit: hit[0])
         distance, unknowns = min((self._descend(*hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit[0])
         mechanism, size = self._start.mechanism, self._start.mechanism.state_size
-        inputs = unknowns[size:] * mechanism.units.inputs
+        inputs = mechanism.units.inputs_from_kernel(unknowns[size:])
         direction = (unknowns[size:] - self._inputs) / distance
-        return NearestFold(Equilibrium(mechanism, unknowns[:size], inputs, self._start.load), distance, direction)
+        fold = Equilibrium.unchecked(mechanism, unknowns[:size], inputs, self._start.load)
+        return NearestFold(fold, distance, direction)
 
     def _shoot(self, direction: Array, reach: float) -> tuple[float, Array] | None:
         """Return distance and unknowns of the first fold along a unit vector of inputs."""

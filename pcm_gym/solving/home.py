@@ -40,4 +40,4 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     if mechanism.home_pose is None:
         return stable[0]
     pose = np.array(mechanism.home_pose)
-    return min(stable, key=lambda found: float(np.linalg.norm((found.pose - pose) / mechanism.units.pose)))
+    return min(stable, key=lambda found: float(np.linalg.norm(mechanism.units.kernel_from_pose(found.pose - pose))))

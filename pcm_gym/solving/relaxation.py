@@ -3,8 +3,6 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-import numpy as np
-
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.snaps.falls import fall
 from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
@@ -117,12 +115,12 @@ def snap(equilibrium: Equilibrium) -> Snap:
 
 def _fall(equilibrium: Equilibrium) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
-    state = np.array(equilibrium.state)
+    state, inputs, load = equilibrium.kernel_values()
     relaxed, energies = fall(
         mechanism.leg_table,
         state,
-        equilibrium.inputs / units.inputs,
-        equilibrium.load / units.load,
+        inputs,
+        load,
         make_workspace(mechanism.leg_count, mechanism.state_size),
     )
     status = _STATUSES[relaxed.status]
@@ -130,5 +128,5 @@ def _fall(equilibrium: Equilibrium) -> Snap:
     energies.setflags(write=False)
     if status != SnapStatus.LANDED:
         return Snap(equilibrium, status, 0.0, energies)
-    landing = Equilibrium(mechanism, state, equilibrium.inputs, equilibrium.load)
+    landing = Equilibrium.unchecked(mechanism, state, equilibrium.inputs, equilibrium.load)
     return Snap(landing, status, relaxed.energy_released * units.energy, energies)

@@ -91,8 +91,8 @@ class Roadmap:
     @cached_property
     def pose_densities(self) -> Array:
         """Size of the set of poses that a node's cell is mapped to, per size of the cell, dimensionless, (n,)."""
-        units = self.mechanism.units
-        return kernels.pose_densities(self.mechanism.leg_table, self.states, self.inputs / units.inputs)
+        inputs = self.mechanism.units.kernel_from_inputs(self.inputs)
+        return kernels.pose_densities(self.mechanism.leg_table, self.states, inputs)
 
     @cached_property
     def pose_density_sums(self) -> Array:
@@ -136,7 +136,7 @@ class Roadmap:
 
     def equilibrium(self, node: int) -> Equilibrium:
         """Return the equilibrium of a node."""
-        return Equilibrium(self.mechanism, self.states[node], self.inputs[node], self.load)
+        return Equilibrium.unchecked(self.mechanism, self.states[node], self.inputs[node], self.load)
 
 
 def build_roadmap(
@@ -175,19 +175,17 @@ def build_roadmap(
     """
     load = _load_of(mechanism, seeds)
     raster = roadmap_raster(mechanism, None if step is None else finite_vector("step", step, mechanism.leg_count))
-    units = mechanism.units
-    legs, load_scaled = mechanism.leg_table, load / units.load
+    units, legs = mechanism.units, mechanism.leg_table
     rasters = Rasters(
         np.array([raster.shape]),
-        np.array([raster.first_node]) / units.inputs,
-        np.array([raster.pitch]) / units.inputs,
+        units.kernel_from_inputs(np.array([raster.first_node])),
+        units.kernel_from_inputs(np.array([raster.pitch])),
         np.zeros((1, mechanism.leg_count), dtype=np.bool_),
     )
     nodes = _with_room(_make_nodes(mechanism, raster.size), len(seeds))
     planted = []
     for seed in seeds:
-        x, inputs = np.array(seed.state), seed.inputs / units.inputs
-        planted.append(kernels.plant(legs, rasters, nodes, least_margin, x, inputs, load_scaled))
+        planted.append(kernels.plant(legs, rasters, nodes, least_margin, *seed.kernel_values()))
     while nodes.counts[1] < nodes.counts[0]:
         nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
         kernels.grow(legs, rasters, nodes, least_margin, _EXPANDED_AT_ONCE)
@@ -198,7 +196,7 @@ def build_roadmap(
         least_margin,
         raster,
         nodes.states.x[:count].copy(),
-        nodes.states.inputs[:count] * units.inputs,
+        units.inputs_from_kernel(nodes.states.inputs[:count]),
         nodes.cell[:count].copy(),
         nodes.ways[:count].copy(),
         tuple(planted),
@@ -219,7 +217,7 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
     -----
     A fall counts if it ends at a node. 1 to 5 ms for each border.
     """
-    numbers, inputs_unit = np.random.default_rng(0), roadmap.mechanism.units.inputs
+    numbers, units = np.random.default_rng(0), roadmap.mechanism.units
     starts, columns = np.nonzero(roadmap.ways < 0)
     labels = roadmap.components[starts]
     chosen = np.concatenate(
@@ -231,7 +229,8 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
         ends = roadmap.inputs[starts]
         ends[np.arange(len(starts)), axes] += distance * sides * roadmap.raster.pitch[axes]
         cells = roadmap.raster.cells_of(ends)
-        x, fell = _fallen(roadmap, starts, np.where(cells[:, None] >= 0, ends, roadmap.inputs[starts]) / inputs_unit)
+        targets = units.kernel_from_inputs(np.where(cells[:, None] >= 0, ends, roadmap.inputs[starts]))
+        x, fell = _fallen(roadmap, starts, targets)
         for row in np.flatnonzero(fell).tolist():
             found.append((int(starts[row]), _node_with(roadmap, int(cells[row]), x[row])))
         goes_on = ~fell & (cells >= 0)
@@ -242,8 +241,8 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
 def _fallen(roadmap: Roadmap, nodes: Integers, targets: Array) -> tuple[Array, Mask]:
     """Return where nodes (n,) get to on the way to dimensionless inputs (n, legs), and which of them fell to there."""
     units = roadmap.mechanism.units
-    load = np.tile(roadmap.load / units.load, (len(nodes), 1))
-    states = States(roadmap.states[nodes], roadmap.inputs[nodes] / units.inputs, load)
+    load = np.tile(units.kernel_from_load(roadmap.load), (len(nodes), 1))
+    states = States(roadmap.states[nodes], units.kernel_from_inputs(roadmap.inputs[nodes]), load)
     has_arrived, was_lost = kernels.move_rows(roadmap.mechanism.leg_table, states, targets, SNAP)
     return states.x, has_arrived & was_lost
 

@@ -5,8 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from functools import cached_property
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +13,14 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.branches import curves as tracing
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, fold_sides
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_number, limit_pair, positive_number
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
-from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.progress import progress_bars
+from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
 
 _TURN = 2.0 * math.pi
+# Cells of the grid along each coordinate, of inputs and of poses.
 _FORWARD_GRID, _INVERSE_GRID = 8, 16
 # Part of a cell by which a periodic grid is shifted, lest its nodes lie on the symmetries of symmetric mechanisms.
 _GRID_SHIFT = 0.382
@@ -31,112 +31,16 @@ _FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 13, 1 << 20
 _SIDE_DISTANCE, _SIDE_SAMPLES = 1e-4, 15
 
 
-class CurveEnd(StrEnum):
-    """How a singular curve ends at one of its ends."""
-
-    CLOSED = "closed"
-    LARGEST_LOAD = "largest_load"
-    BOUNDS = "bounds"
-    SOLVER_FAILURE = "solver_failure"
-
-
 # The kernels' codes, in their order.
 _ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE, CurveEnd.SOLVER_FAILURE)
 
 
-@dataclass(frozen=True, eq=False)
-class SingularCurve:
-    """A curve of singular states, smooth in state and inputs; its projection may have cusps.
+class Window(TypedDict, total=False):
+    """Where singular curves are searched for; `forward_singularities` tells the defaults."""
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-    load : array (d,)
-        External load, N (and N m).
-    is_forward : bool
-        Whether its states are folds (forward singularities, projected to inputs) or inverse singularities (projected to
-        poses).
-    states : array (n, 2 legs + d)
-        The kernels' dimensionless states, one per vertex.
-    inputs : array (n, legs)
-        Actuator inputs, rad or m. Angles of actuators with a full turn run on without a jump.
-    tangents : array (n, 2 legs + d + legs)
-        Derivative of state and dimensionless inputs by the length of the curve that was used to trace it.
-    plane : (int, int)
-        The two inputs, or coordinates of the pose, in which the curve is drawn; with two legs (0, 1).
-    cusps : tuple of int
-        The vertices at which the projected curve has a cusp: exact in the projection, to about 1e-5 in state.
-    ends : (CurveEnd, CurveEnd)
-        How it ends before its first and after its last vertex.
-    indices : (int, int), optional
-        Morse indices of the equilibria on the two sides of a fold; None for an inverse singularity, which leaves the
-        index alone.
-    """
-
-    mechanism: Mechanism
-    load: Array
-    is_forward: bool
-    states: Array
-    inputs: Array
-    tangents: Array
-    plane: tuple[int, int]
-    cusps: tuple[int, ...]
-    ends: tuple[CurveEnd, CurveEnd]
-    indices: tuple[int, int] | None
-
-    def __post_init__(self) -> None:
-        for name in ("load", "states", "inputs", "tangents"):
-            getattr(self, name).setflags(write=False)
-
-    def __len__(self) -> int:
-        """Return the number of vertices."""
-        return len(self.states)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether the last vertex is the first again, full turns of angles aside."""
-        return self.ends[1] is CurveEnd.CLOSED
-
-    @property
-    def is_stability_limit(self) -> bool:
-        """Whether stable equilibria end here: a fold between index 0 and 1."""
-        return self.indices == (0, 1)
-
-    @cached_property
-    def poses(self) -> Array:
-        """Poses of the end-effector, (n, d), (x, y) in m or (x, y, phi) with phi in rad."""
-        return self.states[:, 2 * self.mechanism.leg_count :] * self.mechanism.units.pose
-
-    @property
-    def points(self) -> Array:
-        """The projected curve, (n, 2): the inputs, or the coordinates of the pose, that `plane` names."""
-        return (self.inputs if self.is_forward else self.poses)[:, self.plane]
-
-    @cached_property
-    def arc_length(self) -> Array:
-        """Length of the projected curve up to each vertex, (n,), in units of the inputs or the pose."""
-        scaled = self.points / self._plane_units
-        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(scaled, axis=0), axis=1)))
-
-    @property
-    def _plane_units(self) -> Array:
-        units = self.mechanism.units
-        return (units.inputs if self.is_forward else units.pose)[list(self.plane)]
-
-    @cached_property
-    def unknowns(self) -> Array:
-        """State and dimensionless inputs of every vertex, (n, 2 legs + d + legs)."""
-        return np.hstack([self.states, self.inputs / self.mechanism.units.inputs])
-
-    def equilibrium(self, k: int) -> Equilibrium:
-        """Return the singular equilibrium at vertex `k`."""
-        return Equilibrium(self.mechanism, self.states[k], self.inputs[k], self.load)
-
-    def __repr__(self) -> str:
-        """Return a line with what identifies the curve."""
-        kind = f"folds {self.indices}" if self.is_forward else "inverse singularities"
-        ends = "closed" if self.is_closed else f"ends={tuple(str(end) for end in self.ends)}"
-        return f"SingularCurve({self.mechanism.name}, {kind}, {len(self)} points, {len(self.cusps)} cusps, {ends})"
+    bounds: Sequence[tuple[float, float]] | None
+    held: Mapping[int, float] | None
+    grid: int
 
 
 def forward_singularities(
@@ -145,10 +49,8 @@ def forward_singularities(
     rho_max: float = 9.0,
     *,
     index: int | None = None,
-    bounds: Sequence[tuple[float, float]] | None = None,
-    held: Mapping[int, float] | None = None,
-    grid: int = _FORWARD_GRID,
     progress: bool = True,
+    **window: Unpack[Window],
 ) -> tuple[SingularCurve, ...]:
     """Return the curves of folds: where equilibria meet and vanish as the inputs change.
 
@@ -164,14 +66,14 @@ def forward_singularities(
         Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
     index : int, optional
         Only folds between this Morse index and the next; 0 gives the limits of stability.
+    progress : bool
+        Whether to show a progress bar.
     bounds : sequence of (lower, upper), optional
         Range of each input, rad or m; the actuators' limits by default. An angle with a full turn has no bounds.
     held : mapping of int to float, optional
         Inputs that are held, by number: one of the three of a platform.
     grid : int
-        Cells of the grid along each input.
-    progress : bool
-        Whether to show a progress bar.
+        Cells of the grid along each input; by default 8.
 
     Returns
     -------
@@ -188,7 +90,7 @@ def forward_singularities(
     -----
     A few seconds for two legs. A platform takes as long as `solve_forward` takes on each node.
     """
-    search = _Search.checked(mechanism, load, rho_max, bounds, held, grid, is_forward=True)
+    search = _Search.checked(mechanism, load, rho_max, is_forward=True, **window)
     return search.run(index, progress)
 
 
@@ -197,10 +99,8 @@ def inverse_singularities(
     load: ArrayLike | None = None,
     rho_max: float = 9.0,
     *,
-    bounds: Sequence[tuple[float, float]] | None = None,
-    held: Mapping[int, float] | None = None,
-    grid: int = _INVERSE_GRID,
     progress: bool = True,
+    **window: Unpack[Window],
 ) -> tuple[SingularCurve, ...]:
     """Return the curves of inverse singularities: where inputs for a pose meet and vanish as the pose changes.
 
@@ -209,10 +109,12 @@ def inverse_singularities(
 
     Parameters
     ----------
-    mechanism, load, rho_max, bounds, grid, progress
+    mechanism, load, rho_max, progress, bounds
         As for `forward_singularities`.
     held : mapping of int to float, optional
         Coordinates of the pose that are held, by number: one of (x, y, phi) of a platform, say ``{2: 0.1}``.
+    grid : int
+        Cells of the grid along each coordinate of the pose; by default 16.
 
     Returns
     -------
@@ -224,7 +126,7 @@ def inverse_singularities(
     ValueError
         If an argument has the wrong shape, is not finite or out of range.
     """
-    search = _Search.checked(mechanism, load, rho_max, bounds, held, grid, is_forward=False)
+    search = _Search.checked(mechanism, load, rho_max, is_forward=False, **window)
     return search.run(None, progress)
 
 
@@ -258,12 +160,13 @@ class _Search:
         mechanism: Mechanism,
         load: ArrayLike | None,
         rho_max: float,
-        bounds: Sequence[tuple[float, float]] | None,
-        held: Mapping[int, float] | None,
-        grid: int,
-        *,
         is_forward: bool,
+        bounds: Sequence[tuple[float, float]] | None = None,
+        held: Mapping[int, float] | None = None,
+        grid: int | None = None,
     ) -> "_Search":
+        if grid is None:
+            grid = _FORWARD_GRID if is_forward else _INVERSE_GRID
         units = mechanism.units
         scales = units.inputs if is_forward else units.pose
         values = {
@@ -279,7 +182,7 @@ class _Search:
         if int(grid) != grid or grid < 1:
             raise ValueError(f"grid must be an integer of at least 1, got {grid}")
         box = _input_box(mechanism, bounds)
-        window = box if is_forward else _pose_window(mechanism, box, values)
+        window = box if is_forward else _pose_window(mechanism, box)
         return cls(
             mechanism,
             mechanism.check_load(load),
@@ -316,11 +219,11 @@ class _Search:
             values[k] = axis[n]
         units = self.mechanism.units
         if self.is_forward:
-            equilibria = solve_forward(self.mechanism, values * units.inputs, self.load, self.rho_max)
+            equilibria = solve_forward(self.mechanism, units.inputs_from_kernel(values), self.load, self.rho_max)
         else:
-            equilibria = solve_inverse(self.mechanism, values * units.pose, self.load, self.rho_max)
+            equilibria = solve_inverse(self.mechanism, units.pose_from_kernel(values), self.load, self.rho_max)
         return [
-            np.concatenate([found.state, found.inputs / units.inputs])
+            np.concatenate(found.kernel_values()[:2])
             for found in equilibria
             if index is None or found.index in (index, index + 1)
         ]
@@ -366,7 +269,7 @@ class _Search:
         kept = [first + k for k in (*self.held, *([fixed] if fixed is not None else []))]
         box[kept, :2] = -math.inf, math.inf
         return tracing.Problem(
-            load=self.load / mechanism.units.load,
+            load=mechanism.units.kernel_from_load(self.load),
             conditions=np.eye(size + mechanism.leg_count)[kept],
             box=box,
             rho_max=self.rho_max * (_LINE_REACH if is_line else 1.0),
@@ -403,7 +306,7 @@ class _Search:
             self.load,
             self.is_forward,
             traced.path[:, :size].copy(),
-            traced.path[:, size:] * units.inputs,
+            units.inputs_from_kernel(traced.path[:, size:]),
             traced.tangents,
             self.plane,
             tuple(map(int, np.flatnonzero(traced.marks))),
@@ -425,13 +328,13 @@ def _input_box(mechanism: Mechanism, bounds: Sequence[tuple[float, float]] | Non
         raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {bounds!r}")
     box = np.zeros((mechanism.leg_count, 3))
     for row, leg, limit, unit in zip(box, mechanism.legs, limits, mechanism.units.inputs, strict=True):
-        lower, upper = limit_pair("bounds", limit)
-        is_turn = isinstance(leg.actuator, Revolute) and upper - lower >= _TURN * (1.0 - 1e-12)
-        row[:] = (-math.inf, math.inf, _TURN) if is_turn else (lower / unit, upper / unit, 0.0)
+        (lower, upper), period = limit_pair("bounds", limit), leg.actuator.period
+        is_turn = leg.actuator.is_angle and upper - lower >= period * (1.0 - 1e-12)
+        row[:] = (-math.inf, math.inf, period) if is_turn else (lower / unit, upper / unit, 0.0)
     return box
 
 
-def _pose_window(mechanism: Mechanism, box: Array, held: Mapping[int, float]) -> Array:
+def _pose_window(mechanism: Mechanism, box: Array) -> Array:
     """Return dimensionless bounds, and periods, of the poses that every leg may reach."""
     units = mechanism.units
     window = np.tile([-math.inf, math.inf, 0.0], (mechanism.dof, 1))

@@ -85,8 +85,7 @@ class StableStates(Sequence[Equilibrium]):
     @property
     def poses(self) -> NDArray[np.float64]:
         """Poses of the end-effector, (n, d), m and rad."""
-        poses: NDArray[np.float64] = self.states[:, 2 * self.mechanism.leg_count :] * self.mechanism.units.pose
-        return poses
+        return self.mechanism.units.pose_from_kernel(self.states[:, 2 * self.mechanism.leg_count :])
 
     @overload
     def __getitem__(self, key: int) -> Equilibrium: ...
@@ -98,7 +97,7 @@ class StableStates(Sequence[Equilibrium]):
         """Return one equilibrium, or those of a slice, a mask or an array of places."""
         if isinstance(key, slice | np.ndarray):
             return StableStates(self.mechanism, self.load, self.states[key], self.inputs[key], self.branches[key])
-        return Equilibrium(self.mechanism, self.states[key], self.inputs[key], self.load)
+        return Equilibrium.unchecked(self.mechanism, self.states[key], self.inputs[key], self.load)
 
     def __len__(self) -> int:
         """Return the number of equilibria."""

@@ -109,20 +109,19 @@ class BranchTracker:
         mechanism, units, start = self._mechanism, self._mechanism.units, self._equilibrium
         inputs_wanted = mechanism.check_inputs(inputs)
         load_wanted = np.array(start.load) if load is None else mechanism.check_load(load)
-        state = np.array(start.state)
-        inputs_reached, load_reached = start.inputs / units.inputs, start.load / units.load
+        state, inputs_reached, load_reached = start.kernel_values()
         tracked = continuation.track(
             mechanism.leg_table,
             state,
             inputs_reached,
             load_reached,
-            inputs_wanted / units.inputs,
-            load_wanted / units.load,
+            units.kernel_from_inputs(inputs_wanted),
+            units.kernel_from_load(load_wanted),
             self._follow_index_changes,
             self._line,
             self._work,
         )
         if tracked.fraction < 1.0:
-            inputs_wanted, load_wanted = inputs_reached * units.inputs, load_reached * units.load
-        self._equilibrium = Equilibrium(mechanism, state, inputs_wanted, load_wanted)
+            inputs_wanted, load_wanted = units.inputs_from_kernel(inputs_reached), units.load_from_kernel(load_reached)
+        self._equilibrium = Equilibrium.unchecked(mechanism, state, inputs_wanted, load_wanted)
         return TrackedStep(self._equilibrium, EVENTS[tracked.event], tracked.fraction)

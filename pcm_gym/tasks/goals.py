@@ -103,7 +103,9 @@ class Goals:
     def of_equilibrium(self, equilibrium: Equilibrium) -> Array:
         """Return the goal (g,) that an equilibrium meets."""
         goal = self.of_pose(equilibrium.pose)
-        return np.append(goal, equilibrium.inputs / self.mechanism.units.inputs) if self.with_inputs else goal
+        if not self.with_inputs:
+            return goal
+        return np.append(goal, self.mechanism.units.kernel_from_inputs(equilibrium.inputs))
 
     def pose(self, goal: Array) -> Array:
         """Return the pose (d,) in the mechanism's units that a goal (g,) stands for."""

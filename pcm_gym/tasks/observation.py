@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium import spaces
 
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     elements = list(pose_elements(mechanism))
     for n, leg in enumerate(mechanism.legs, start=1):
         elements.append(Element(f"input_{n}", f"position of actuator {n} within its limits", "half range", -1.0, 1.0))
-        if isinstance(leg.actuator, Revolute):
+        if leg.actuator.is_angle:
             elements.append(Element(f"cos_clamp_{n}", f"cosine of the angle of clamp {n}", "1", -1.0, 1.0))
             elements.append(Element(f"sin_clamp_{n}", f"sine of the angle of clamp {n}", "1", -1.0, 1.0))
     for n in range(1, mechanism.leg_count + 1):
@@ -85,13 +85,12 @@ def pose_elements(mechanism: Mechanism, suffix: str = "", what: str = " of the e
 
 def input_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     """Return the elements that tell the inputs as they are."""
-    units = mechanism.units.inputs
-    bounds = zip(mechanism.legs, mechanism.lower_limits / units, mechanism.upper_limits / units, strict=True)
+    bounds = zip(mechanism.legs, *mechanism.kernel_limits, strict=True)
     return tuple(
         Element(
             f"input_{n}",
             f"input of actuator {n}",
-            "rad" if isinstance(leg.actuator, Revolute) else "mean rod length",
+            "rad" if leg.actuator.is_angle else "mean rod length",
             float(low),
             float(high),
         )
@@ -114,7 +113,7 @@ def pose_reach(mechanism: Mechanism) -> float:
     reach = math.inf
     for leg in mechanism.legs:
         actuator = leg.actuator
-        travel = 0.0 if isinstance(actuator, Revolute) else max(abs(limit) for limit in actuator.limits)
+        travel = 0.0 if actuator.is_angle else max(abs(limit) for limit in actuator.limits)
         own = math.hypot(*actuator.base) + travel + leg.rod.length + math.hypot(*leg.attachment)
         reach = min(reach, own)
     return reach / mechanism.units.length

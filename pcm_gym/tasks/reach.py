@@ -1,7 +1,6 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,6 +10,7 @@ from pcm_gym.kernels.charts.roadmap import move_rows
 from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import one_of
+from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene, nodes_by_sums
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
@@ -96,7 +96,7 @@ def _put(found: States, states: States, rows: Integers) -> None:
         array[rows] = values
 
 
-@lru_cache(maxsize=64)
+@remembered
 def detours(scene: Scene) -> Integers:
     """Return pairs (n, 2) of nodes of the roadmap between which a detour is needed, and exists.
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
 from pcm_gym.solving.roadmap import roadmap_raster
+from pcm_gym.tasks.memory import remembered
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
@@ -55,9 +56,9 @@ class Scene:
     @cached_property
     def pitch(self) -> tuple[float, ...]:
         """Steps between the nodes of the roadmap, dimensionless: the agent's steps, or larger ones."""
-        units = self.mechanism.units.inputs
-        raster = roadmap_raster(self.mechanism, np.array(self.stride) * units)
-        return tuple((raster.pitch / units).tolist())
+        units = self.mechanism.units
+        raster = roadmap_raster(self.mechanism, units.inputs_from_kernel(np.array(self.stride)))
+        return tuple(units.kernel_from_inputs(raster.pitch).tolist())
 
     @property
     def steps_per_way(self) -> int:
@@ -95,19 +96,17 @@ class Scene:
     def at_nodes(self, nodes: Integers) -> States:
         """Return the states of nodes (n,) of the roadmap."""
         roadmap = self.roadmap
-        return self.states(roadmap.states[nodes], roadmap.inputs[nodes] / self.mechanism.units.inputs)
+        return self.states(roadmap.states[nodes], self.mechanism.units.kernel_from_inputs(roadmap.inputs[nodes]))
 
     def states(self, x: Array, inputs: Array) -> States:
         """Return states (n, 2 legs + d) at inputs (n, legs), both dimensionless, with the scene's load."""
         load = np.empty((len(x), self.mechanism.dof))
-        load[:] = np.array(self.load) / self.mechanism.units.load
+        load[:] = self.mechanism.units.kernel_from_load(np.array(self.load))
         return States(x, inputs, load)
 
     def at_equilibrium(self, equilibrium: Equilibrium, count: int) -> States:
         """Return `count` copies of an equilibrium."""
-        units = self.mechanism.units
-        values = (equilibrium.state, equilibrium.inputs / units.inputs, equilibrium.load / units.load)
-        return States(*(np.tile(value, (count, 1)) for value in values))
+        return States(*(np.tile(value, (count, 1)) for value in equilibrium.kernel_values()))
 
     def walk(self, states: States, numbers: Array, steps_range: tuple[int, int], threads: int) -> None:
         """Walk some of the agent's steps towards random inputs within the limits, in place.
@@ -123,8 +122,7 @@ class Scene:
     @cached_property
     def _walked_range(self) -> tuple[Array, Array]:
         """Lowest target of walks, and how far above it the highest one is, dimensionless, (legs,) each."""
-        mechanism, units = self.mechanism, self.mechanism.units.inputs
-        lower, upper = mechanism.lower_limits / units, mechanism.upper_limits / units
+        lower, upper = self.mechanism.kernel_limits
         edge = np.minimum(_LIMIT_RESERVE * np.array(self.stride), 0.25 * (upper - lower))
         return lower + edge, upper - lower - 2.0 * edge
 
@@ -158,7 +156,7 @@ def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Eq
     return step.equilibrium
 
 
-@lru_cache(maxsize=256)
+@remembered
 def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
     if any(load):
         free = _home(mechanism, (0.0,) * mechanism.dof)
@@ -166,9 +164,9 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
     return home_equilibrium(mechanism)
 
 
-@lru_cache(maxsize=256)
+@remembered
 def _roadmap(scene: Scene) -> Roadmap:
-    seed, steps = scene.origin or scene.home, np.array(scene.stride) * scene.mechanism.units.inputs
+    seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
     roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
     if not len(roadmap):
         name = "home" if scene.origin is None else "option equilibrium"

@@ -1,7 +1,6 @@
 """Switch: go from one stable equilibrium to another at the same inputs."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
+from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw
 
@@ -69,7 +69,7 @@ class Switches(NamedTuple):
     inputs: Array  # (n, legs)
 
 
-@lru_cache(maxsize=64)
+@remembered
 def switches(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
     """Return starts and goals for switching, from the origin of the scene or from anywhere.
 
@@ -102,9 +102,9 @@ def _from_anywhere(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
     partners = partners[(joined[:, 0] == joined[:, 1]) == (difficulty == "around")]
     starts = numbers.permutation(np.unique(partners[:, 0]))[:_STARTS]
     pairs = [chart.led_to(part, partners) for part in np.array_split(starts, -(-len(starts) // _AT_ONCE) or 1)]
-    found, units = np.concatenate(pairs), mechanism.units.inputs
-    states = chart.roadmap.states
-    return Switches(states[found[:, 0]], states[found[:, 1]], chart.roadmap.inputs[found[:, 0]] / units)
+    found, states = np.concatenate(pairs), chart.roadmap.states
+    inputs = mechanism.units.kernel_from_inputs(chart.roadmap.inputs[found[:, 0]])
+    return Switches(states[found[:, 0]], states[found[:, 1]], inputs)
 
 
 def _from_origin(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
@@ -117,7 +117,7 @@ def _from_origin(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
     found = chart.led_to(np.array([start]), partners)[:, 1] if start >= 0 else partners[:0, 1]
     goal_x = np.array([other.state for other, end in zip(others, ends, strict=True) if end in found])
     goal_x = goal_x.reshape(-1, scene.mechanism.state_size)
-    inputs = origin.inputs / scene.mechanism.units.inputs
+    _, inputs, _ = origin.kernel_values()
     return Switches(np.tile(origin.state, (len(goal_x), 1)), goal_x, np.tile(inputs, (len(goal_x), 1)))
 
 
@@ -130,7 +130,7 @@ class _Chart:
     """The sheets that stable equilibria lie on, and the falls from one to another."""
 
     def __init__(self, scene: Scene, difficulty: SwitchDifficulty, seeds: list[Equilibrium]) -> None:
-        step = np.array(scene.stride) * scene.mechanism.units.inputs
+        step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
         self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
         self._may_fall = difficulty == "fall"
         self._falls = find_falls(self.roadmap) if self._may_fall and len(self.roadmap) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.mechanism import Mechanism, Revolute
+from pcm_gym.mechanism import Mechanism
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
@@ -73,5 +73,4 @@ def starts_of(scene: Scene, generators: Generators, threads: int) -> States:
 
 def default_max_action(mechanism: Mechanism) -> Array:
     """Return the increment of each input for an action of 1: 0.1 rad, or 0.03 of the mean rod length."""
-    is_angle = [isinstance(leg.actuator, Revolute) for leg in mechanism.legs]
-    return np.where(is_angle, 0.1, 0.03 * mechanism.units.length)
+    return mechanism.units.inputs_from_kernel(np.array([leg.actuator.default_step for leg in mechanism.legs]))

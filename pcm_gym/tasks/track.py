@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from pcm_gym.kernels.numerics.threads import default_thread_count, run_all
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import poses_seen
 from pcm_gym.mechanism.validation import one_of
+from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
 from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
 
@@ -86,7 +87,7 @@ class Paths(NamedTuple):
     goals: Array  # (n, period, g)
 
 
-@lru_cache(maxsize=64)
+@remembered
 def paths(scene: Scene, shapes: tuple[str, ...]) -> Paths:
     """Return the paths that a scene offers, of each shape as many.
 

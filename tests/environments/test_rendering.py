@@ -39,7 +39,7 @@ def test_ghosts_are_all_equilibria_at_the_present_inputs() -> None:
     assert len(ghosts) > 5
     picture = env.render()
     expected = FrameRenderer(env.mechanism).draw(
-        here, env.goal, env.success_distance, np.array(env.save_state()["trail"]), ghosts=ghosts
+        here, env.goal, env.success_distance, trail=np.array(env.save_state()["trail"]), ghosts=ghosts
     )
     np.testing.assert_array_equal(picture, expected)
     assert np.any(picture != walked(load=load).render())
@@ -48,7 +48,7 @@ def test_ghosts_are_all_equilibria_at_the_present_inputs() -> None:
 def test_the_workspace_is_behind_every_picture(atlas: Atlas) -> None:
     env = walked(render_workspace=atlas)
     expected = FrameRenderer(env.mechanism, workspace=atlas.workspace()).draw(
-        env.equilibrium, env.goal, env.success_distance, np.array(env.save_state()["trail"])
+        env.equilibrium, env.goal, env.success_distance, trail=np.array(env.save_state()["trail"])
     )
     np.testing.assert_array_equal(env.render(), expected)
     assert np.any(expected != walked().render())

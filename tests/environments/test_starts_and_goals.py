@@ -306,6 +306,23 @@ def test_a_given_start_has_goals_of_every_kind(difficulty: str) -> None:
     assert len(goals) == 5
 
 
+def test_equal_starts_are_charted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    charted = []
+
+    def counted(*arguments: Any, **keywords: Any) -> Any:
+        charted.append(arguments)
+        return pcm_gym.build_roadmap(*arguments, **keywords)
+
+    monkeypatch.setattr("pcm_gym.tasks.scene.build_roadmap", counted)
+    for difficulty in ("near", "anywhere"):
+        env = make_bare("PCM/2RFR-Reach-v0", difficulty=difficulty)
+        env.reset(seed=0)
+        for inputs in ((1.31, 2.07), [1.31, 2.07], np.array([1.31, 2.07])):
+            env.reset(options={"inputs": inputs})
+            np.testing.assert_array_equal(env.equilibrium.inputs, inputs)
+    assert len(charted) <= 2  # once from home, if no test before has been there, and once from these inputs
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_reset_takes_a_goal(name: str) -> None:
     env = make_bare(f"PCM/{name}-Reach-v0", hold_steps=1)

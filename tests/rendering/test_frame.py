@@ -164,3 +164,8 @@ def test_misuse_is_refused(renderer: FrameRenderer, mechanism: Mechanism, stable
     other = get_mechanism(next(name for name in mechanism_names() if name != mechanism.name))
     with pytest.raises(ValueError, match="equilibrium"):
         FrameRenderer(other).draw(stable)
+
+
+def test_unknown_surroundings_are_refused(stable: Equilibrium) -> None:
+    with pytest.raises(TypeError, match="shadows"):
+        FrameRenderer(stable.mechanism).draw(stable, shadows=[stable])  # type: ignore[call-arg]

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +16,7 @@ from pcm_gym.solving import (
     CurveEnd,
     Equilibrium,
     SingularCurve,
+    build_atlas,
     find_crossings,
     forward_singularities,
     inverse_singularities,
@@ -346,3 +347,9 @@ class TestOtherMechanisms:
     def test_wrong_arguments_are_named(self, arguments: dict[str, object], message: str) -> None:
         with pytest.raises(ValueError, match=message):
             forward_singularities(get_mechanism("2RFR"), progress=False, **arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("solve", [forward_singularities, inverse_singularities, build_atlas])
+def test_unknown_keywords_are_refused(solve: Callable[..., object]) -> None:
+    with pytest.raises(TypeError, match="cells"):
+        solve(get_mechanism("2RFR"), progress=False, cells=8)

@@ -77,9 +77,14 @@ def grid_load(rho: float, grade: float, side: int) -> tuple[float, float]:
     return rho * rho * math.cos(b), -rho * rho * sine
 
 
-@kernel
 def make_unit_rod(levels: int, rho_max: float) -> UnitRod:
     """Return the unit rod tabulated for rho up to `rho_max`."""
+    return UnitRod(levels, rho_max, unit_rod_values(levels, rho_max))
+
+
+@kernel
+def unit_rod_values(levels: int, rho_max: float) -> Array:
+    """Return tip and force of the unit rod on the nodes of its grid, (2, n + 1, n + 1, 4); see `UnitRod`."""
     count = 2**levels
     values = np.zeros((2, count + 1, count + 1, 4))
     for side in range(2):
@@ -89,7 +94,7 @@ def make_unit_rod(levels: int, rho_max: float) -> UnitRod:
                 point = rod(g_x, g_y)
                 values[side, i, j, 0], values[side, i, j, 1] = point.tip_x, point.tip_y
                 values[side, i, j, 2], values[side, i, j, 3] = point.force_x, point.force_y
-    return UnitRod(levels, rho_max, values)
+    return values
 
 
 @kernel

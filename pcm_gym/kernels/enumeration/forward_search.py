@@ -46,6 +46,11 @@ _FORCE_X, _FORCE_Y, _XX, _XY, _YX, _YY, _SEGMENT_X, _SEGMENT_Y, _RADIUS, _SPREAD
 _ARM_X, _ARM_Y, _PATCH, _TIP_X, _TIP_Y = range(11, 16)
 _OFFER_COLUMNS = 16
 
+# Columns of a leg's frame: place and direction of its clamp, as in the workspace; its hinge from the end-effector's
+# origin, at the angle of the pose cell.
+_CLAMP_X, _CLAMP_Y, _CLAMP_COS, _CLAMP_SIN, _HINGE_X, _HINGE_Y = range(6)
+_FRAME_COLUMNS = 6
+
 # Rows of the balance of a combination: what the unit of each pose coordinate and of each leg's error does to the forces
 # and the moment; the unbalanced rest at the centre, and the pose that balances it.
 _MOVES, _SEGMENTS, _REST, _ANSWER = 0, 3, 6, 7
@@ -75,6 +80,16 @@ class _PoseCells(NamedTuple):
     turns: int
 
 
+class _Search(NamedTuple):
+    """Where the legs are, and the pose cell that is looked at."""
+
+    legs: Array  # (legs, 12)
+    frames: Array  # (legs, 6)
+    pose: Array  # (3,): the centre of the cell
+    poses: _PoseCells
+    sheets: Sheets
+
+
 @kernel
 def _cover_poses(legs: Array, clamps: Array, sheets: Sheets) -> _PoseCells:
     room, longest_arm = math.inf, 0.0
@@ -101,29 +116,23 @@ def _cover_poses(legs: Array, clamps: Array, sheets: Sheets) -> _PoseCells:
 
 
 @kernel
-def _set_arms(legs: Array, phi: float, arms: Array) -> None:
-    """Fill `arms` (legs, 2), from the end-effector's origin to the hinges, at an angle of the platform."""
+def _set_hinges(legs: Array, phi: float, frames: Array) -> None:
+    """Fill in where the hinges are from the end-effector's origin, at an angle of the platform."""
     c, s = math.cos(phi), math.sin(phi)
     for leg in range(legs.shape[0]):
-        arms[leg, 0] = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
-        arms[leg, 1] = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
+        frames[leg, _HINGE_X] = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
+        frames[leg, _HINGE_Y] = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
 
 
 @kernel
 def _set_offers(
-    legs: Array,
-    leg: int,
-    clamps: Array,
-    pose: Array,
-    arm: Array,
-    poses: _PoseCells,
-    sheets: Sheets,
-    offers: Array,
+    legs: Array, leg: int, frames: Array, pose: Array, poses: _PoseCells, sheets: Sheets, offers: Array
 ) -> int:
-    """Fill `offers` (legs, m, 16) of a leg with this arm (2,) over the cell around a pose; return their number."""
-    length, clamp_c, clamp_s = legs[leg, LENGTH], clamps[leg, 2], clamps[leg, 3]
-    arm_x, arm_y = arm[0], arm[1]
-    away_x, away_y = (pose[0] + arm_x - clamps[leg, 0]) / length, (pose[1] + arm_y - clamps[leg, 1]) / length
+    """Fill `offers` (legs, m, 16) of a leg over the cell around a pose; return their number."""
+    length, clamp_c, clamp_s = legs[leg, LENGTH], frames[leg, _CLAMP_COS], frames[leg, _CLAMP_SIN]
+    arm_x, arm_y = frames[leg, _HINGE_X], frames[leg, _HINGE_Y]
+    away_x = (pose[0] + arm_x - frames[leg, _CLAMP_X]) / length
+    away_y = (pose[1] + arm_y - frames[leg, _CLAMP_Y]) / length
     tip_x, tip_y = clamp_c * away_x + clamp_s * away_y, clamp_c * away_y - clamp_s * away_x
     column, row = round(tip_x / sheets.spacing), round(tip_y / sheets.spacing)
     if max(abs(column), abs(row)) > sheets.extent:
@@ -145,7 +154,7 @@ def _set_offers(
         if tip_y + around_y < patches[n, Y_LOW] or tip_y - around_y > patches[n, Y_HIGH]:
             continue
         out = offers[leg, count]
-        _set_turned_force(patches[n], tip_x, tip_y, clamp_c, clamp_s, force_unit, force_unit / length, out)
+        _set_turned_force(patches[n], (tip_x, tip_y), (clamp_c, clamp_s), (force_unit, force_unit / length), out)
         by_turn_x, by_turn_y = out[_XY] * arm_x - out[_XX] * arm_y, out[_YY] * arm_x - out[_YX] * arm_y
         out[_SPREAD_X] = (abs(out[_XX]) + abs(out[_XY])) * half + abs(by_turn_x) * half_turn
         out[_SPREAD_Y] = (abs(out[_YX]) + abs(out[_YY])) * half + abs(by_turn_y) * half_turn
@@ -158,9 +167,13 @@ def _set_offers(
 
 @kernel
 def _set_turned_force(
-    patch: Array, tip_x: float, tip_y: float, c: float, s: float, force_unit: float, slope_unit: float, out: Array
+    patch: Array, tip: tuple[float, float], turn: tuple[float, float], units: tuple[float, float], out: Array
 ) -> None:
-    """Fill force, slopes and error of an offer: those of the patch, turned from the clamp's frame into the world's."""
+    """Fill force, slopes and error of an offer: those of the patch, turned from the clamp's frame into the world's.
+
+    `turn` is cosine and sine of the clamp's angle, `units` those of force and slope.
+    """
+    (tip_x, tip_y), (c, s), (force_unit, slope_unit) = tip, turn, units
     force_x = force_unit * (patch[FORCE_X] + patch[FORCE_X + 1] * tip_x + patch[FORCE_X + 2] * tip_y)
     force_y = force_unit * (patch[FORCE_Y] + patch[FORCE_Y + 1] * tip_x + patch[FORCE_Y + 2] * tip_y)
     out[_FORCE_X], out[_FORCE_Y] = c * force_x - s * force_y, s * force_x + c * force_y
@@ -266,26 +279,14 @@ def _set_answer(balance: Array) -> None:
 
 
 @kernel
-def _set_start(
-    legs: Array,
-    clamps: Array,
-    pose: Array,
-    i: int,
-    j: int,
-    k: int,
-    poses: _PoseCells,
-    sheets: Sheets,
-    offers: Array,
-    balance: Array,
-    start: Array,
-) -> None:
-    """Fill `start` (size,) with the rods and the pose at the balance's answer."""
+def _set_start(search: _Search, offers: Array, i: int, j: int, k: int, answer: Array, start: Array) -> None:
+    """Fill `start` (size,) with the rods of these offers and the pose, at the answer (3,) of their balance."""
+    legs, frames, pose, poses, sheets = search
     leg_count, patches = legs.shape[0], sheets.patches
-    move_x, move_y = poses.half_width * balance[_ANSWER, 0], poses.half_width * balance[_ANSWER, 1]
-    turn = poses.half_turn * balance[_ANSWER, 2]
+    move_x, move_y, turn = poses.half_width * answer[0], poses.half_width * answer[1], poses.half_turn * answer[2]
     for leg in range(leg_count):
         offer = offers[leg, (i, j, k)[leg]]
-        n, length, c, s = int(offer[_PATCH]), legs[leg, LENGTH], clamps[leg, 2], clamps[leg, 3]
+        n, length, c, s = int(offer[_PATCH]), legs[leg, LENGTH], frames[leg, _CLAMP_COS], frames[leg, _CLAMP_SIN]
         hinge_x, hinge_y = (move_x - turn * offer[_ARM_Y]) / length, (move_y + turn * offer[_ARM_X]) / length
         tip_x = min(max(offer[_TIP_X] + c * hinge_x + s * hinge_y, patches[n, X_LOW]), patches[n, X_HIGH])
         tip_y = min(max(offer[_TIP_Y] + c * hinge_y - s * hinge_x, patches[n, Y_LOW]), patches[n, Y_HIGH])
@@ -302,19 +303,10 @@ def _set_start(
 
 @kernel
 def _combine_offers(
-    legs: Array,
-    clamps: Array,
-    pose: Array,
-    load: Array,
-    poses: _PoseCells,
-    sheets: Sheets,
-    counts: Integers,
-    offers: Array,
-    balance: Array,
-    starts: Array,
-    found: int,
+    search: _Search, counts: Integers, offers: Array, load: Array, balance: Array, starts: Array, found: int
 ) -> int:
     """Add a start to `starts` for each combination of offers that may balance; return how many there are now."""
+    poses = search.poses
     for i in range(counts[0]):
         for j in range(counts[1]):
             force_x = offers[0, i, _FORCE_X] + offers[1, j, _FORCE_X] - load[0]
@@ -330,7 +322,7 @@ def _combine_offers(
                     continue
                 if found < starts.shape[0]:
                     _set_answer(balance)
-                    _set_start(legs, clamps, pose, i, j, k, poses, sheets, offers, balance, starts[found])
+                    _set_start(search, offers, i, j, k, balance[_ANSWER], starts[found])
                 found += 1
     return found
 
@@ -345,36 +337,35 @@ def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts:
     work = make_workspace(leg_count, starts.shape[1])
     set_inputs(legs, inputs, work)
     poses = _cover_poses(legs, work.clamps, sheets)
+    frames = np.empty((leg_count, _FRAME_COLUMNS))
+    frames[:, :_HINGE_X] = work.clamps
     whole_load, pose = np.zeros(3), np.zeros(3)
     whole_load[:dof] = load
     most = np.diff(sheets.offsets).max()
     offers, counts = np.zeros((3, most, _OFFER_COLUMNS)), np.ones(3, dtype=np.int64)
     balance = np.zeros((_BALANCE_ROWS, 3))
-    arms = np.empty((leg_count, 2))
+    search = _Search(legs, frames, pose, poses, sheets)
     found = 0
     for turn in range(poses.turns):
         pose[2] = -math.pi + (2 * turn + 1) * poses.half_turn if dof == 3 else 0.0
-        _set_arms(legs, pose[2], arms)
+        _set_hinges(legs, pose[2], frames)
         for cell in range(poses.columns * poses.rows):
             column, row = cell // poses.rows, cell % poses.rows
             pose[0] = poses.low_x + (2 * column + 1) * poses.half_width
             pose[1] = poses.low_y + (2 * row + 1) * poses.half_width
             for leg in range(leg_count):
-                counts[leg] = _set_offers(legs, leg, work.clamps, pose, arms[leg], poses, sheets, offers)
+                counts[leg] = _set_offers(legs, leg, frames, pose, poses, sheets, offers)
                 if counts[leg] == 0:
                     break
             if counts.min() > 0:
-                found = _combine_offers(
-                    legs, work.clamps, pose, whole_load, poses, sheets, counts, offers, balance, starts, found
-                )
+                found = _combine_offers(search, counts, offers, whole_load, balance, starts, found)
     return found
 
 
 @kernel
-def polish_starts(legs: Array, inputs: Array, load: Array, rho_max: float, starts: Array, found: Found) -> int:
+def polish_starts(legs: Array, inputs: Array, load: Array, starts: Array, found: Found) -> int:
     """Correct the starts to equilibria; put the different ones into `found`, return how many there are."""
     work = make_workspace(legs.shape[0], found.x.shape[1])
-    count = 0
     for start in starts:
-        count = correct_and_keep(legs, start, inputs, load, rho_max, False, _SEARCH_RULES, work, found, count)
-    return keep_partners(legs, load, rho_max, False, work, found, count)
+        correct_and_keep(legs, start, inputs, load, _SEARCH_RULES, work, found)
+    return keep_partners(legs, load, work, found)

@@ -29,25 +29,41 @@ _FOLD_FACTORS = (2.0, 1.4, 3.0)
 
 
 class Found(NamedTuple):
-    """The equilibria found so far."""
+    """The equilibria found so far, and what is asked of them."""
 
+    rho_max: float  # the largest load of a rod
+    is_inverse: bool  # whether their pose is given, and not their inputs
     x: Array  # (m, size)
     inputs: Array  # (m, legs)
     kinds: Integers  # (m,): what differs on the two sides of a fold
+    total: Integers  # (1,): how many there are
+
+
+def make_found(capacity: int, leg_count: int, size: int, rho_max: float, is_inverse: bool) -> Found:
+    """Return room for so many equilibria."""
+    return Found(
+        rho_max,
+        is_inverse,
+        np.empty((capacity, size)),
+        np.empty((capacity, leg_count)),
+        np.empty(capacity, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
 
 
 @kernel
-def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found: Found, count: int) -> int:
-    """Add an equilibrium to those found if its loads are in range, there is room, and it is new; return their number.
+def _keep(legs: Array, x: Array, inputs: Array, kind: int, found: Found) -> None:
+    """Add an equilibrium to those found if its loads are in range, there is room, and it is new.
 
     The platform's angle is brought into (-pi, pi]. Equilibria of different kind are two however near they are: they
     meet at a fold.
     """
     for leg in range(legs.shape[0]):
-        if math.hypot(x[2 * leg], x[2 * leg + 1]) > rho_max * rho_max:
-            return count
+        if math.hypot(x[2 * leg], x[2 * leg + 1]) > found.rho_max * found.rho_max:
+            return
+    count = found.total[0]
     if count == found.x.shape[0]:
-        return count
+        return
     last, is_platform = x.shape[0] - 1, x.shape[0] - 2 * legs.shape[0] == 3
     if is_platform:
         x[last] = principal_angle(x[last])
@@ -59,36 +75,27 @@ def keep(legs: Array, x: Array, inputs: Array, rho_max: float, kind: int, found:
         gap = max(_gap(found.x[n], x), _gap(found.inputs[n], inputs))
         x[last] -= turn
         if gap < _SAME_STATE or (gap < _SAME_BRANCH and found.kinds[n] == kind):
-            return count
+            return
     found.x[count], found.inputs[count], found.kinds[count] = x, inputs, kind
-    return count + 1
+    found.total[0] = count + 1
 
 
 @kernel
 def correct_and_keep(
-    legs: Array,
-    x: Array,
-    inputs: Array,
-    load: Array,
-    rho_max: float,
-    is_inverse: bool,
-    rules: NewtonRules,
-    work: Workspace,
-    found: Found,
-    count: int,
-) -> int:
-    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it; return how many there are now."""
-    if is_inverse:
+    legs: Array, x: Array, inputs: Array, load: Array, rules: NewtonRules, work: Workspace, found: Found
+) -> None:
+    """Correct `x` and, at a given pose, `inputs` to an equilibrium, and keep it."""
+    if found.is_inverse:
         status = solve_inverse_locally(legs, inputs, load, x, rules, work)
     else:
         status = solve_forward_locally(legs, inputs, load, x, rules, work)
     if status != CONVERGED:
-        return count
-    if is_inverse:
+        return
+    if found.is_inverse:
         for leg in range(legs.shape[0]):
             if legs[leg, TURN] != 0.0:
                 inputs[leg] = principal_angle(inputs[leg])
-    return keep(legs, x, inputs, rho_max, _kind(legs, x, inputs, is_inverse, work), found, count)
+    _keep(legs, x, inputs, _kind(legs, x, inputs, found.is_inverse, work), found)
 
 
 @kernel
@@ -118,45 +125,41 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
-def keep_partners(
-    legs: Array, load: Array, rho_max: float, is_inverse: bool, work: Workspace, found: Found, count: int
-) -> int:
+def keep_partners(legs: Array, load: Array, work: Workspace, found: Found) -> int:
     """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
     n = 0
-    while n < count:
-        count = _look_across_fold(legs, load, rho_max, n, is_inverse, work, found, count)
+    while n < found.total[0]:
+        _look_across_fold(legs, load, n, work, found)
         n += 1
-    return count
+    return int(found.total[0])
 
 
 @kernel
-def _look_across_fold(
-    legs: Array, load: Array, rho_max: float, n: int, is_inverse: bool, work: Workspace, found: Found, count: int
-) -> int:
+def _look_across_fold(legs: Array, load: Array, n: int, work: Workspace, found: Found) -> None:
     """Look for the partner of an equilibrium across a fold, as far beyond it as the equilibrium is before it.
 
     The way goes along the direction in which the mechanism is softest; where the fold is follows from how the
     softness changes on the way. Steps are short enough to stay on the partner's side of the fold.
     """
+    is_inverse = found.is_inverse
     x, inputs = found.x[n].copy(), found.inputs[n].copy()
     softness = _set_soft_step(legs, x, inputs, is_inverse, work)
     if not 0.0 < softness < math.inf:
-        return count
+        return
     direction = work.vector[: x.shape[0]] / softness
     _move(x, inputs, _FOLD_PROBE, direction, is_inverse)
     if not _set_soft_step(legs, x, inputs, is_inverse, work) > 0.0:
-        return count
+        return
     # 1 / softness, with its sign
     hardness = np.dot(direction, direction) / np.dot(direction, work.vector[: x.shape[0]])
     distance = -_FOLD_PROBE / (hardness * softness - 1.0)
     if not abs(distance) < _FARTHEST_FOLD:
-        return count
+        return
     rules = NewtonRules(np.inf, 1e3, 60, 2e-15, 0.5 * abs(distance), np.inf)
     for factor in _FOLD_FACTORS:
         x[:], inputs[:] = found.x[n], found.inputs[n]
         _move(x, inputs, factor * distance, direction, is_inverse)
-        count = correct_and_keep(legs, x, inputs, load, rho_max, is_inverse, rules, work, found, count)
-    return count
+        correct_and_keep(legs, x, inputs, load, rules, work, found)
 
 
 @kernel

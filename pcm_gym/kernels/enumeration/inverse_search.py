@@ -182,7 +182,6 @@ def polish_combinations(
     leg_count = legs.shape[0]
     work = make_workspace(leg_count, found.x.shape[1])
     x, inputs = np.empty(found.x.shape[1]), np.empty(leg_count)
-    count = 0
     start = np.empty(2 * leg_count)
     for n in range(combinations.shape[0]):
         is_open = not starts[n].any()  # the models could not tell where in the cells: try their corners as well
@@ -195,5 +194,5 @@ def polish_combinations(
                 point = rod(x[2 * leg], x[2 * leg + 1])
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
-            count = correct_and_keep(legs, x, inputs, load, unit.rho_max, True, POLISH_RULES, work, found, count)
-    return keep_partners(legs, load, unit.rho_max, True, work, found, count)
+            correct_and_keep(legs, x, inputs, load, POLISH_RULES, work, found)
+    return keep_partners(legs, load, work, found)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.enumeration.cells import make_unit_rod
+from pcm_gym.kernels.enumeration.cells import unit_rod_values
 from pcm_gym.kernels.numerics.compilation import kernel
 
 # Columns of a patch. The box of tips that it covers, seen from its node; affine functions of the tip from its node (its
@@ -67,9 +67,14 @@ class _Grid(NamedTuple):
     is_turned: Mask  # (cells,): whether the map to the tip turns the cell over; that changes across folds
 
 
-@kernel
 def make_sheets(rho_max: float, refinement: int) -> Sheets:
     """Return the patches of all equilibria of the unit rod with rho up to `rho_max`."""
+    return Sheets(rho_max, *_tabulate_sheets(rho_max, refinement))
+
+
+@kernel
+def _tabulate_sheets(rho_max: float, refinement: int) -> tuple[int, float, float, int, Integers, Array]:
+    """Return the fields of `Sheets` that follow `rho_max`."""
     scale = 0.5**refinement
     grid = _make_grid(max(5, math.ceil(math.log2(_CELLS_PER_RHO * rho_max / scale))), rho_max)
     spacing, half_width = scale * _SPACING, scale * _HALF_WIDTH
@@ -92,12 +97,12 @@ def make_sheets(rho_max: float, refinement: int) -> Sheets:
             found = _add_patches(grid, cells[start:end], x, y, half_width, patches, found)
             start = end
         offsets[square + 1] = found
-    return Sheets(rho_max, grid.size, spacing, half_width, extent, offsets, patches[:found].copy())
+    return grid.size, spacing, half_width, extent, offsets, patches[:found].copy()
 
 
 @kernel
 def _make_grid(levels: int, rho_max: float) -> _Grid:
-    values = make_unit_rod(levels, rho_max).values
+    values = unit_rod_values(levels, rho_max)
     size, width = 2**levels, 2**levels + 1
     nodes = np.empty((2 * width * width, _NODE_COLUMNS))
     for node in range(nodes.shape[0]):

@@ -1,1 +1,13 @@
-"""Proofs that a set of equilibria is complete: Taylor models, enclosures of rods, Krawczyk."""
+"""Proofs that a set of equilibria is complete: Taylor models, enclosures of rods, Krawczyk. Two legs, given inputs.
+
+Read from below: `taylor_models` (arithmetic that encloses its results), `rod_enclosure` (the closed form of a rod in
+it), `rod_cells` (a tree of cells of the unit rod, and how it enters the equations of two legs), `krawczyk` (a box with
+exactly one equilibrium), `certification` (branch and bound over pairs of cells).
+
+Symbols
+-------
+rho, b : polar coordinates of a rod's load g = rho^2 (cos b, -sin b), as in `enumeration`.
+s, t : local coordinates of a cell along rho and b, in [-1, 1]; models are polynomials in them with a remainder.
+z : the unknowns, the loads of both rods, (4,), each rod's in its own chart; r : half widths of a box around it.
+F, J, Y : the equations (force balance, then closure), their Jacobian, an approximate inverse of it.
+"""

@@ -54,7 +54,6 @@ class Undecided(NamedTuple):
     examined: Integers  # (1,): pairs of cells that were looked at
 
 
-@kernel
 def make_undecided(capacity: int) -> Undecided:
     """Return room for so many pairs."""
     return Undecided(np.zeros((capacity, 2, 4)), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))

@@ -73,7 +73,6 @@ class Krawczyk(NamedTuple):
     charts: Integers  # (2,)
 
 
-@kernel
 def make_proved(capacity: int) -> Proved:
     """Return room for so many boxes."""
     return Proved(

@@ -63,21 +63,28 @@ def _set_interval(low: float, high: float, out: Array) -> None:
     out[1] = max(high - out[0], out[0] - low) * (1.0 + SLACK)
 
 
-@kernel
 def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
-    """Return the unit rod's models for rho in [0, rho_max] and every b.
+    """Return the unit rod's models for rho in [0, rho_max] and every b."""
+    nodes = node_offset(levels + 1)
+    cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
+    _fill_unit_cells(cells)
+    return cells
+
+
+@kernel
+def _fill_unit_cells(cells: UnitCells) -> None:
+    """Fill in the boxes and models of all nodes.
 
     The division of b is graded for the middle of each band of rho, so that cells are boxes; a node above the bands
     holds cells that are not aligned, and has only bounds.
     """
+    levels, rho_max = cells.levels, cells.rho_max
     count, bands = 2**levels, 2**BAND_LEVEL
     grid = np.empty((bands, count + 1))
     for band in range(bands):
         for j in range(count + 1):
             grid[band, j] = grid_angle(rho_max * (band + 0.5) / bands, j / count)
         grid[band, 0], grid[band, count] = 0.0, 3.1415926535897936  # the next number above pi
-    nodes = node_offset(levels + 1)
-    cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
     start = node_offset(levels)
     for leaf in range(2 * 4**levels):
         side, i, j = cell_of_leaf(leaf, levels)
@@ -90,7 +97,6 @@ def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
     for level in range(levels - 1, -1, -1):
         for node in range(2 * 4**level):
             _set_node(cells, node_offset(level) + node, node_offset(level + 1) + 4 * node, level >= BAND_LEVEL)
-    return cells
 
 
 @kernel
@@ -140,10 +146,15 @@ class Frames(NamedTuple):
     relative_slack: Array  # (1,): of what is turned and scaled
 
 
-@kernel
 def make_frames(legs: Array, inputs: Array, load: Array) -> Frames:
     """Return the frames for a mechanism of two legs: force of both less the load, tip of the first less the second."""
     frames = Frames(np.empty((2, 2)), np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 4)), np.array([SLACK]))
+    _fill_frames(legs, inputs, load, frames)
+    return frames
+
+
+@kernel
+def _fill_frames(legs: Array, inputs: Array, load: Array, frames: Frames) -> None:
     for leg in range(2):
         turned = legs[leg, TURN] * inputs[leg]
         angle = legs[leg, CLAMP_ANGLE] + turned
@@ -159,7 +170,6 @@ def make_frames(legs: Array, inputs: Array, load: Array) -> Frames:
             slide = legs[leg, axis] * inputs[leg]
             frames.offsets[leg, 2 + k] = sign * (legs[leg, base] + slide)
             frames.slacks[leg, 2 + k] = SLACK * (abs(legs[leg, base]) + abs(inputs[leg]))
-    return frames
 
 
 @kernel
