@@ -9,7 +9,6 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.rods.rod import bend, rod, rod_curvature, rod_in_lanes
 from pcm_gym.kernels.statics.margin import STIFF
-from pcm_gym.kernels.stepping.report import EVENT, RESIDUAL, SINGULARITY_MARGIN
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium, solve_forward
 
 NAMES = pcm_gym.mechanism_names()
@@ -110,9 +109,9 @@ def test_margin_in_lanes_is_the_scalar_one(name: str, is_loaded: bool) -> None:
     for n in range(30):
         stepped = simulation.step(held if n % 3 else generator.uniform(-1.0, 1.0, held.shape), generators)
         described = simulation.observe(np.arange(count), generators)
-        found, expected = stepped.verdicts[SINGULARITY_MARGIN], described.verdicts[SINGULARITY_MARGIN]
+        found, expected = stepped.verdicts["singularity_margin"], described.verdicts["singularity_margin"]
         assert np.all((found >= 0.0) & (found < 10.0 + 1e-9))
-        is_calm = stepped.verdicts[RESIDUAL] < 1e-12
+        is_calm = stepped.verdicts["residual"] < 1e-12
         np.testing.assert_allclose(found[is_calm], expected[is_calm], rtol=1e-4, atol=1e-9)
-        stopped += np.count_nonzero(np.isin(stepped.verdicts[EVENT], (1, 2)))
+        stopped += np.count_nonzero(np.isin(stepped.verdicts["event"], (1, 2)))
     assert stopped > 0 or name == "2PFR"
