@@ -77,6 +77,8 @@ def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: in
     # the goal of an unstable start is stable none the less
     drawn = settings.task.sample(scene if unstable is None else replace(scene, origin=None), generators, threads)
     states = drawn.states if unstable is None else scene.at_equilibrium(unstable, len(generators))
+    if drawn.witness is None:
+        return states, drawn.goals, np.full((len(generators), states.inputs.shape[1] + states.x.shape[1]), np.nan)
     return states, drawn.goals, np.concatenate([drawn.witness.inputs, drawn.witness.x], axis=1)
 
 

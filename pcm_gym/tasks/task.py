@@ -26,7 +26,7 @@ class Episodes:
 
     states: States  # (n, ...)
     goals: Array  # (n, p, g): the goal of each step, over and over
-    witness: States  # (n, ...): where the first goal is met
+    witness: States | None = None  # (n, ...): where the first goal is met; None where that is not known
 
 
 @dataclass(frozen=True)
