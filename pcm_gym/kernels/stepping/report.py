@@ -56,7 +56,8 @@ class Report(NamedTuple):
 
 def empty_report(count: int, feature_count: int) -> Report:
     """Return a report for so many rows, to be filled."""
-    return Report(np.empty(count, VERDICT_TYPE), np.empty((count, feature_count)))
+    # zeros, because bytes between fields count too where reports are compared to the last bit
+    return Report(np.zeros(count, VERDICT_TYPE), np.empty((count, feature_count)))
 
 
 @kernel
