@@ -15,7 +15,8 @@ Workspace = Atlas | str | os.PathLike[str] | None
 class EnvironmentArguments(TypedDict, total=False):
     """Keyword arguments of an environment; none is required.
 
-    A task from outside the package adds its own ones, which are its fields.
+    A task from outside the package adds its own ones, which are its fields: ``task=Lift, rise=0.1``. Type checkers,
+    which do not know them, take ``task=Lift(Goals(mechanism), rise=0.1)``.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class Outcome(NamedTuple):
         verdict = self.verdicts.item(row)
         info = dict(zip(_KEYS, (bool(self.success[row]), sum(verdict[: len(_COSTS)]), *verdict), strict=False))
         info["event"] = _EVENT_NAMES[info["event"]]
-        return info | {name: values.item(row) for name, values in self.metrics.items()} if self.metrics else info
+        return {name: values.item(row) for name, values in self.metrics.items()} | info if self.metrics else info
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
@@ -114,4 +114,4 @@ class Outcome(NamedTuple):
         cost = np.add.reduce([verdicts[name] for name in _COSTS])
         infos = {"is_success": self.success, "cost": cost, **{name: verdicts[name] for name in _TOLD}}
         infos["event"] = _EVENT_NAMES[verdicts["event"]]
-        return infos | self.metrics
+        return self.metrics | infos

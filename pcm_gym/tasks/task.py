@@ -79,12 +79,15 @@ class Task(ABC):
         """Return rewards, and whether goals are reached, (n,) each, for achieved and desired goals (n, g).
 
         By default both follow from their distance, see `Goals`. What a task puts in its place must judge each row by
-        itself.
+        itself; whatever its numbers are, rewards are floats.
         """
         return self.goals.score(achieved, desired)
 
     def metrics(self, achieved: Array, desired: Array) -> dict[str, Array]:
-        """Return what else the infos tell of achieved and desired goals (n, g), (n,) each; nothing by default."""
+        """Return what else the infos tell of achieved and desired goals (n, g), (n,) each; nothing by default.
+
+        The names of `Info` are taken.
+        """
         return {}
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
@@ -92,7 +95,7 @@ class Task(ABC):
         achieved = np.asarray(achieved_goal, dtype=np.float64)
         desired = np.asarray(desired_goal, dtype=np.float64)
         rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
-        return float(rewards[0]) if achieved.ndim == 1 else rewards
+        return float(rewards[0]) if achieved.ndim == 1 else np.asarray(rewards, dtype=np.float64)
 
     def update_goals(
         self, achieved: Array, rows: Integers, has_stepped: Mask, is_stable: Mask, progress: GoalProgress
@@ -103,7 +106,7 @@ class Task(ABC):
         desired = next_goals(rows, has_stepped, progress)
         rewards, is_reached = self.score(achieved, desired)
         count_held(rows, has_stepped, is_reached & is_stable, progress)
-        return desired, rewards
+        return desired, np.array(rewards, dtype=np.float64)
 
 
 def draw(generators: Generators, count: int) -> Array:
