@@ -17,7 +17,7 @@ from pcm_gym.kernels.lockstep.lanes import IS_SOUND, LANES, judge_block, make_bl
 from pcm_gym.kernels.lockstep.rows import load_lane
 from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.report import COST_ROWS, VERDICT_ROWS, Moves, Report
+from pcm_gym.kernels.stepping.report import Moves, empty_report
 from pcm_gym.kernels.stepping.transition import step_alone, step_batch
 from pcm_gym.tasks import observation_elements
 
@@ -140,8 +140,7 @@ def step_parts(environment_id: str) -> Measure:
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
     targets = np.clip(start.inputs + actions * stride, lower, upper)
     moves = Moves(actions, stride)
-    feature_count = len(observation_elements(model))
-    report = Report(np.empty((VERDICT_ROWS, _ROWS)), np.empty((COST_ROWS, _ROWS)), np.empty((_ROWS, feature_count)))
+    report = empty_report(_ROWS, len(observation_elements(model)))
     refused, every_row = np.zeros(_ROWS, np.bool_), np.arange(_ROWS)
     _in_blocks(legs, simulation.rows.states, targets, refused, 0)
     refused_rows, refused_share = np.flatnonzero(refused), float(refused.mean())

@@ -21,8 +21,7 @@ from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
-from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE, Moves, StepRules
+from pcm_gym.kernels.stepping.report import Moves, StepRules
 from pcm_gym.kernels.stepping.transition import step_batch
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import Equilibrium, Event, solve_forward
@@ -193,8 +192,8 @@ class _Drivers:
                 ahead = np.zeros(self._shape)
                 ahead[:, leg] = sign * _LOOK_AHEAD
                 step_batch(legs, states, rows, Moves(ahead, simulation.settings.stride), rules, report)
-                is_lost = report.costs[UNSTABLE, rows] > 0.0
-                margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN, rows]))
+                found = report.verdicts[rows]
+                margins.append(np.where(found["cost_unstable"] > 0.0, 0.0, found["singularity_margin"]))
             slope = margins[0] - margins[1]
             result[rows, leg] = np.where(slope == 0.0, result[rows, leg], -np.sign(slope))
         return result
@@ -230,7 +229,7 @@ def _rules(
     is_lost, is_failure = np.isin(event, (Event.FOLD, Event.INDEX_CHANGE)), event == Event.SOLVER_FAILURE
     is_stable = index == 0
     if not simulation.settings.always_stable:  # else it is not observed
-        is_stable = observation["observation"][:, -STABILITY_FEATURES] == 1.0
+        is_stable = (observation["observation"][:, simulation.sensors.layout["is_stable"]] == 1.0).all(axis=1)
     yield "unstable is paid", infos["cost_unstable"] == (is_lost | (index > 0))
     yield "solver failure is paid", infos["cost_solver"] == is_failure
     yield "solver failure truncates", truncated | ~is_failure

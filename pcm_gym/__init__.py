@@ -3,8 +3,27 @@
 Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Reach-v0")``.
 """
 
-from pcm_gym.environments import CostStep, SolverShield, environment_ids, register_environments
-from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
+from pcm_gym.environments import (
+    CostStep,
+    EnvironmentArguments,
+    Info,
+    MechanismEnv,
+    MechanismVectorEnv,
+    SolverShield,
+    environment_ids,
+    register_environment,
+    register_environments,
+)
+from pcm_gym.mechanism import (
+    Leg,
+    Mechanism,
+    Prismatic,
+    Revolute,
+    Rod,
+    get_mechanism,
+    mechanism_names,
+    register_mechanism,
+)
 from pcm_gym.solving import (
     Atlas,
     Branch,
@@ -39,7 +58,15 @@ from pcm_gym.solving import (
     solve_forward,
     solve_inverse,
 )
-from pcm_gym.tasks import Element, observation_elements
+from pcm_gym.tasks import (
+    Element,
+    Episodes,
+    Goals,
+    Scene,
+    Task,
+    observation_elements,
+    register_task,
+)
 
 __version__ = "0.1.0"
 
@@ -52,11 +79,17 @@ __all__ = [
     "Crossing",
     "CurveEnd",
     "Element",
+    "EnvironmentArguments",
+    "Episodes",
     "Equilibrium",
     "EquilibriumSet",
     "Event",
+    "Goals",
+    "Info",
     "Leg",
     "Mechanism",
+    "MechanismEnv",
+    "MechanismVectorEnv",
     "NearestFold",
     "Prismatic",
     "RasterStates",
@@ -65,11 +98,13 @@ __all__ = [
     "Roadmap",
     "Rod",
     "RodState",
+    "Scene",
     "SingularCurve",
     "Snap",
     "SnapStatus",
     "SolverShield",
     "StableStates",
+    "Task",
     "TrackedStep",
     "UndecidedRegion",
     "__version__",
@@ -86,6 +121,9 @@ __all__ = [
     "mechanism_names",
     "nearest_fold",
     "observation_elements",
+    "register_environment",
+    "register_mechanism",
+    "register_task",
     "snap",
     "solve_forward",
     "solve_inverse",

@@ -10,12 +10,13 @@ _TEXTS = (
     "Observation",
     "Distance",
     "Reward",
+    "Info",
     "Starts and goals",
     "Episode end",
     "Loss of stability",
     "Version history",
 )
-_LISTS = ("Info", "Options")
+_LISTS = ("Options",)
 _PARSER = NumpydocParser()
 for _title in _TEXTS:
     _PARSER.add_section(Section(_title, _title))

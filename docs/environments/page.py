@@ -3,7 +3,7 @@
 import inspect
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,15 @@ from gymnasium.envs.registration import EnvSpec
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from docs.environments import docstrings
+from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.settings import Settings
+from pcm_gym.environments.rows import Info
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.tasks import TASKS, Goals, Task, observation_elements
 
 FOLDER = Path(__file__).parent
 IMAGES = FOLDER.parent / "images" / "environments"
-_DOCUMENTED = {own.__name__: own for own in (Goals, MechanismEnv, MechanismVectorEnv, Task, observation_elements)}
+_DOCUMENTED = {own.__name__: own for own in (Goals, Info, MechanismEnv, MechanismVectorEnv, Task, observation_elements)}
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,13 @@ def index_page(envs: Iterable[MechanismEnv]) -> str:
 
 def environment_defaults() -> dict[str, Any]:
     """Return the keyword arguments of an environment, with their defaults."""
-    return _defaults(Settings.from_arguments) | _defaults(MechanismEnv)
+    return _defaults(MechanismEnv) | DEFAULTS
 
 
-def task_arguments(task: type[Task]) -> set[str]:
-    """Return the names of the arguments that a task has of its own."""
-    return {field.name for field in fields(task)} - {"goals"}
+def environment_entries() -> list[DocstringParam]:
+    """Return what is documented of the keyword arguments of an environment."""
+    own = [entry for entry in docstrings.entries(MechanismEnv, "param") if not entry.arg_name.startswith("**")]
+    return own + docstrings.entries(EnvironmentArguments, "param")
 
 
 def spec_of(env: MechanismEnv) -> EnvSpec:
@@ -112,14 +114,14 @@ def _increments(env: MechanismEnv) -> list[Increment]:
 
 def _environment_arguments(spec: EnvSpec) -> list[Argument]:
     """Return the arguments of an environment but for those of the tasks, with the defaults of its id."""
-    of_tasks = set().union(*map(task_arguments, TASKS.values()))
-    entries = [entry for entry in docstrings.entries(MechanismEnv, "param") if entry.arg_name not in of_tasks]
+    of_tasks = {name for task in TASKS.values() for name in task.argument_names()}
+    entries = [entry for entry in environment_entries() if entry.arg_name not in of_tasks]
     return _arguments(entries, environment_defaults() | spec.kwargs)
 
 
 def _task_arguments(task: Task) -> list[Argument]:
     """Return the arguments that a task has of its own, with what they are by default for its mechanism."""
-    defaults = {name: getattr(task, name) for name in task_arguments(type(task))}
+    defaults = {name: getattr(task, name) for name in task.argument_names()}
     return _arguments([own for own in docstrings.entries(task, "attribute") if own.arg_name in defaults], defaults)
 
 

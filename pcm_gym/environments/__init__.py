@@ -1,6 +1,20 @@
 """Gymnasium environments: one single class, one batched class, one table, and wrappers."""
 
-from pcm_gym.environments.registration import environment_ids, register_environments
+from pcm_gym.environments.arguments import EnvironmentArguments
+from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.environments.registration import environment_ids, register_environment, register_environments
+from pcm_gym.environments.rows import Info
+from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.environments.wrappers import CostStep, SolverShield
 
-__all__ = ["CostStep", "SolverShield", "environment_ids", "register_environments"]
+__all__ = [
+    "CostStep",
+    "EnvironmentArguments",
+    "Info",
+    "MechanismEnv",
+    "MechanismVectorEnv",
+    "SolverShield",
+    "environment_ids",
+    "register_environment",
+    "register_environments",
+]

@@ -1,7 +1,7 @@
 """The native batch: many environments of one kind, stepped by one call of the kernels."""
 
 import copy
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -11,7 +11,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.arrays import Array, Mask
-from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.arguments import EnvironmentArguments
+from pcm_gym.environments.pictures import Pictures
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -41,7 +42,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
     threads : int, optional
         Threads that share the environments where there are many. By default as many as there are processors, or as
         ``OMP_NUM_THREADS`` or ``NUMBA_NUM_THREADS`` allow. No result depends on it.
-    mechanism, render_mode, render_ghosts, render_workspace, **arguments
+    mechanism, **arguments
         As for `MechanismEnv`.
     """
 
@@ -53,27 +54,24 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         mechanism: Mechanism | str = "2RFR",
-        render_mode: str | None = None,
-        render_ghosts: bool = False,
-        render_workspace: Workspace = None,
-        **arguments: Any,
+        **arguments: Unpack[EnvironmentArguments],
     ) -> None:
-        self.render_mode = one_of("render_mode", render_mode, (None, "rgb_array"))
         one_of("autoreset_mode", autoreset_mode, (*AutoresetMode, *(mode.value for mode in AutoresetMode)))
         settings = Settings.from_arguments(mechanism, **arguments)
+        self.render_mode = settings.render_mode
         self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space, self.single_action_space = settings.spaces()
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
         threads = default_thread_count() if threads is None else whole_number("threads", threads, least=1)
         self._simulation = Simulation(settings, num_envs, threads)
+        self.single_observation_space, self.single_action_space = self._simulation.spaces()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         is_endless = max_episode_steps is None or max_episode_steps == -1
         self._max_episode_steps = (
             np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
         )
-        self._pictures = Pictures(settings, render_ghosts, render_workspace)
+        self._pictures = Pictures(settings)
         sources = [seeding.np_random(None) for _ in range(num_envs)]
         self._generators = [generator for generator, _ in sources]
         self._generator_seeds = [seed for _, seed in sources]
@@ -148,7 +146,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
-        return self._simulation.settings.task.goals.compute_reward(achieved_goal, desired_goal)
+        return self._simulation.settings.task.compute_reward(achieved_goal, desired_goal)
 
     @property  # type: ignore[misc]  # as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
-from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Atlas, Equilibrium, Region, load_atlas, solve_forward
 
 Frame = NDArray[np.uint8]
-Workspace = Atlas | str | os.PathLike[str] | None
 
 
 class Pictures:
@@ -22,10 +20,6 @@ class Pictures:
     Parameters
     ----------
     settings : Settings
-    ghosts : bool
-        Whether to show every other equilibrium at the present inputs.
-    workspace : Atlas or path, optional
-        Atlas, or a file with one, whose stable workspace is the background.
 
     Raises
     ------
@@ -33,10 +27,9 @@ class Pictures:
         If the atlas is none, or belongs to another mechanism or load.
     """
 
-    def __init__(self, settings: Settings, ghosts: bool = False, workspace: Workspace = None) -> None:
+    def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._ghosts = one_of("render_ghosts", ghosts, (False, True))
-        self._workspace = None if workspace is None else _region(workspace, settings)
+        self._workspace = None if settings.render_workspace is None else _region(settings.render_workspace, settings)
         self._renderers: dict[int, Any] = {}
 
     def draw(self, simulation: Simulation, row: int, trail: Array | None = None) -> Frame:
@@ -49,7 +42,7 @@ class Pictures:
             success_distance=task.goals.success_distance,
             trail=trail,
             stability_lost=bool(rows.lost[row]),
-            ghosts=solve_forward(here.mechanism, here.inputs, here.load) if self._ghosts else (),
+            ghosts=solve_forward(here.mechanism, here.inputs, here.load) if self._settings.render_ghosts else (),
             target=simulation.witness(row) if task.goals.with_inputs else None,
             path=None if path is None else np.array([*path, path[0]]),
         )

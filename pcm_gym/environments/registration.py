@@ -1,36 +1,107 @@
 """The table of environments, and their registration with Gymnasium."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
 import gymnasium
+from gymnasium.envs.registration import EnvSpec
 
-from pcm_gym.mechanism import mechanism_names
-from pcm_gym.tasks import TASKS
+from pcm_gym.environments.arguments import task_arguments
+from pcm_gym.mechanism import Mechanism, register_mechanism
+from pcm_gym.tasks import Task, register_task, task_type
 
-_VERSION = 0
-# Arguments of pairs of mechanism and task that differ from the defaults: no cusp of the 2PFR is within its limits.
-_ARGUMENTS = {("2PFR", "Switch"): {"difficulty": "fall", "on_instability": "snap"}}
+
+@dataclass(frozen=True)
+class Registered:
+    """An environment by its id: a mechanism and a task by their names, and what arguments differ from the defaults."""
+
+    id: str
+    mechanism: str
+    task: str
+    time_limit: int | None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+    def register(self) -> None:
+        """Make it known to Gymnasium, by names so that its specification has a JSON; a second call changes nothing.
+
+        Raises
+        ------
+        ValueError
+            If the id is that of something else.
+        """
+        entry: dict[str, Any] = {
+            "entry_point": "pcm_gym.environments.single:MechanismEnv",
+            "vector_entry_point": "pcm_gym.environments.batch:MechanismVectorEnv",
+            "max_episode_steps": self.time_limit,
+            "kwargs": {"mechanism": self.mechanism, "task": self.task, **self.arguments},
+        }
+        known = gymnasium.registry.get(self.id)
+        if known is None:
+            gymnasium.register(self.id, **entry)
+        elif known != EnvSpec(self.id, **entry):
+            raise ValueError(f"environment_id must be a new one, got {self.id!r}: it is registered as something else")
+
+
+# No cusp of the 2PFR is within its limits: nothing leads around one.
+_FALLS = {"difficulty": "fall", "on_instability": "snap"}
+
+ENVIRONMENTS = (
+    Registered("PCM/2RFR-Reach-v0", "2RFR", "Reach", 100),
+    Registered("PCM/2PFR-Reach-v0", "2PFR", "Reach", 100),
+    Registered("PCM/3PFR-Reach-v0", "3PFR", "Reach", 100),
+    Registered("PCM/2RFR-Track-v0", "2RFR", "Track", 200),
+    Registered("PCM/2PFR-Track-v0", "2PFR", "Track", 200),
+    Registered("PCM/3PFR-Track-v0", "3PFR", "Track", 200),
+    Registered("PCM/2RFR-Switch-v0", "2RFR", "Switch", 150),
+    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150, _FALLS),
+    Registered("PCM/3PFR-Switch-v0", "3PFR", "Switch", 150),
+)
 
 
 def environment_ids() -> list[str]:
     """Return the ids of all environments of this package."""
-    return [_id(mechanism, task) for mechanism, task in _pairs()]
+    return [own.id for own in ENVIRONMENTS]
 
 
 def register_environments() -> None:
-    """Register every mechanism with every task; a second call changes nothing."""
-    for mechanism, task in _pairs():
-        if _id(mechanism, task) not in gymnasium.registry:
-            gymnasium.register(
-                _id(mechanism, task),
-                entry_point="pcm_gym.environments.single:MechanismEnv",
-                vector_entry_point="pcm_gym.environments.batch:MechanismVectorEnv",
-                max_episode_steps=TASKS[task].time_limit,
-                kwargs={"mechanism": mechanism, "task": task, **_ARGUMENTS.get((mechanism, task), {})},
-            )
+    """Register every environment of the table; a second call changes nothing."""
+    for own in ENVIRONMENTS:
+        own.register()
 
 
-def _pairs() -> list[tuple[str, str]]:
-    return [(mechanism, task) for task in TASKS for mechanism in mechanism_names()]
+def register_environment(
+    environment_id: str,
+    *,
+    mechanism: Mechanism | str,
+    task: type[Task] | str = "Reach",
+    time_limit: int | None = None,
+    **arguments: Any,
+) -> None:
+    """Register an environment of one's own, after which ``gymnasium.make(environment_id)`` makes it.
 
+    Parameters
+    ----------
+    environment_id : str
+        "Namespace/Name-v0", a new one.
+    mechanism : Mechanism or str
+        A mechanism, which is then in the catalogue, or the name of one that is.
+    task : class of tasks or str
+        A class of tasks, which is then in the table, or the name of one that is.
+    time_limit : int, optional
+        Steps after which an episode is truncated; never by default.
+    **arguments
+        Any of `EnvironmentArguments`, and the task's own, where they differ from the defaults. Only what JSON can hold
+        lets the environment's specification be written as such.
 
-def _id(mechanism: str, task: str) -> str:
-    return f"PCM/{mechanism}-{task}-v{_VERSION}"
+    Raises
+    ------
+    TypeError
+        If there is no such argument.
+    ValueError
+        If the id, or the name of the mechanism or of the task, is that of another one.
+    """
+    task_arguments(task_type(task), arguments)
+    mechanism = mechanism if isinstance(mechanism, str) else register_mechanism(mechanism)
+    task = task if isinstance(task, str) else register_task(task)
+    Registered(environment_id, mechanism, task, time_limit, arguments).register()

@@ -1,27 +1,67 @@
 """What a batch is and what a step of it comes to: one row per environment."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.arrays import Array, Integers, Mask, Records
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.goals import Pursuit
-from pcm_gym.kernels.stepping.report import (
-    EVENT,
-    LIMIT,
-    MORSE_INDEX,
-    RESIDUAL,
-    SINGULAR,
-    SINGULARITY_MARGIN,
-    SOLVER,
-    STABILITY_MARGIN,
-    UNSTABLE,
-)
+from pcm_gym.kernels.stepping.goals import GoalProgress
+from pcm_gym.kernels.stepping.report import Costs, Verdict
 from pcm_gym.solving.tracking import EVENTS
 
 _EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
+
+
+class Info(TypedDict):
+    """What `info` holds after each step and each reset, beside the metrics that a task from outside may have.
+
+    Attributes
+    ----------
+    is_success : bool
+        Whether the state is stable and at its goal, for `hold_steps` states in a row.
+    cost : float
+        Sum of the four costs that follow. Each is 0 or 1, and 0 at reset.
+    cost_unstable : float
+        1 where stability was lost on the way, or the state is unstable.
+    cost_singular : float
+        1 where the singularity margin is below `singular_margin`.
+    cost_limit : float
+        1 where an increment was cut at an actuator's limit.
+    cost_solver : float
+        1 where the solver failed.
+    index : int
+        Morse index of the present equilibrium: number of unstable directions of its energy, 0 where it is stable.
+    stability_margin : float
+        Least eigenvalue of the dimensionless stiffness (EI = L = 1). Of an unstable state it proves nothing.
+    singularity_margin : float
+        Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
+    residual : float
+        Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
+    event : str
+        The first loss of stability on the way: "fold", where the branch ends, or "index_change", where it goes on with
+        another index; else "solver_failure", "actuator_limit" or "none".
+    """
+
+    is_success: bool
+    cost: float
+    cost_unstable: float
+    cost_singular: float
+    cost_limit: float
+    cost_solver: float
+    index: int
+    stability_margin: float
+    singularity_margin: float
+    residual: float
+    event: str
+
+
+# An info tells a verdict field by field, after whether it is a success and the sum of the costs.
+_KEYS = tuple(Info.__annotations__)
+_TOLD = _KEYS[2:]
+_COSTS = tuple(Costs.__annotations__)
+assert tuple(Verdict.__annotations__)[: len(_TOLD)] == _TOLD
 
 
 class Rows(NamedTuple):
@@ -45,9 +85,9 @@ class Rows(NamedTuple):
         return States(self.x, self.inputs, self.load)
 
     @property
-    def pursuit(self) -> Pursuit:
-        """The goals and how far their pursuit has come."""
-        return Pursuit(self.goals, self.elapsed, self.held)
+    def progress(self) -> GoalProgress:
+        """The goals and what has been made of them."""
+        return GoalProgress(self.goals, self.elapsed, self.held)
 
 
 class Outcome(NamedTuple):
@@ -58,39 +98,20 @@ class Outcome(NamedTuple):
     terminated: Mask  # (n,): stability was lost, and what comes of it is not followed
     failed: Mask  # (n,): the solver failed
     success: Mask  # (n,)
-    costs: Array  # (4, n)
-    verdicts: Array  # (7, n)
+    verdicts: Records  # (n,) of `VERDICT_TYPE`
+    metrics: dict[str, Array]  # (n,) each: what else the task tells
 
     def row_info(self, row: int) -> dict[str, Any]:
-        """Return the info of one row, in Python's own types."""
-        verdict, costs = self.verdicts[:, row].tolist(), self.costs[:, row].tolist()
-        return {
-            "is_success": bool(self.success[row]),
-            "cost": sum(costs),
-            "cost_unstable": costs[UNSTABLE],
-            "cost_singular": costs[SINGULAR],
-            "cost_limit": costs[LIMIT],
-            "cost_solver": costs[SOLVER],
-            "index": int(verdict[MORSE_INDEX]),
-            "stability_margin": verdict[STABILITY_MARGIN],
-            "singularity_margin": verdict[SINGULARITY_MARGIN],
-            "residual": verdict[RESIDUAL],
-            "event": _EVENT_NAMES[int(verdict[EVENT])],
-        }
+        """Return the info of one row, an `Info` in Python's own types, and the task's metrics."""
+        verdict = self.verdicts.item(row)
+        info = dict(zip(_KEYS, (bool(self.success[row]), sum(verdict[: len(_COSTS)]), *verdict), strict=False))
+        info["event"] = _EVENT_NAMES[info["event"]]
+        return {name: values.item(row) for name, values in self.metrics.items()} | info if self.metrics else info
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
-        verdicts, costs = self.verdicts, self.costs
-        return {
-            "is_success": self.success,
-            "cost": costs.sum(axis=0),
-            "cost_unstable": costs[UNSTABLE],
-            "cost_singular": costs[SINGULAR],
-            "cost_limit": costs[LIMIT],
-            "cost_solver": costs[SOLVER],
-            "index": verdicts[MORSE_INDEX].astype(np.int64),
-            "stability_margin": verdicts[STABILITY_MARGIN],
-            "singularity_margin": verdicts[SINGULARITY_MARGIN],
-            "residual": verdicts[RESIDUAL],
-            "event": _EVENT_NAMES[verdicts[EVENT].astype(np.int64)],
-        }
+        verdicts = self.verdicts
+        cost = np.add.reduce([verdicts[name] for name in _COSTS])
+        infos = {"is_success": self.success, "cost": cost, **{name: verdicts[name] for name in _TOLD}}
+        infos["event"] = _EVENT_NAMES[verdicts["event"]]
+        return self.metrics | infos

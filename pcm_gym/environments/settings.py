@@ -1,35 +1,20 @@
 """The arguments of an environment, validated, and the scenes in which its episodes take place."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Unpack
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
+from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.kernels.stepping.report import StepRules
 from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import finite_number, one_of, positive_number, whole_number
-from pcm_gym.tasks import (
-    TASKS,
-    Element,
-    Goals,
-    RewardType,
-    Scene,
-    Task,
-    box_of,
-    command_elements,
-    default_max_action,
-    goal_elements,
-    load_elements,
-    observation_elements,
-)
+from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
 
-OnInstability = Literal["terminate", "snap", "hold", "continue"]
 # What may happen where stability is lost, and the kernels' codes.
 BEHAVIOURS: dict[OnInstability, int] = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
 # Part of the agent's smallest step that a fold may be near before a state counts as nearly singular.
@@ -64,6 +49,11 @@ class Settings:
     actuators : Actuators
     observation_noise : float
         Standard deviation of what is measured.
+    render_mode : "rgb_array", optional
+    render_ghosts : bool
+        Whether pictures show every other equilibrium at the present inputs.
+    render_workspace : Atlas or path, optional
+        Atlas, or a file with one, whose stable workspace is the background of pictures.
     """
 
     mechanism: Mechanism
@@ -78,55 +68,43 @@ class Settings:
     variants: int
     actuators: Actuators
     observation_noise: float
+    render_mode: str | None
+    render_ghosts: bool
+    render_workspace: Workspace
 
     @classmethod
     def from_arguments(
-        cls,
-        mechanism: Mechanism | str = "2RFR",
-        *,
-        task: str = "Reach",
-        reward_type: RewardType = "dense",
-        difficulty: str | None = None,
-        path: str | None = None,
-        success_distance: float = 0.02,
-        hold_steps: int = 3,
-        on_instability: OnInstability = "terminate",
-        max_action: ArrayLike | None = None,
-        singular_margin: float | None = None,
-        load: ArrayLike | None = None,
-        observe_load: bool = True,
-        randomisation: Mapping[str, float] | None = None,
-        variants: int = 16,
-        actuator_lag: float = 0.0,
-        rate_limit: ArrayLike | None = None,
-        backlash: ArrayLike = 0.0,
-        observation_noise: float = 0.0,
+        cls, mechanism: Mechanism | str = "2RFR", **arguments: Unpack[EnvironmentArguments]
     ) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
         if isinstance(mechanism, str):
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        one_of("on_instability", on_instability, tuple(BEHAVIOURS))
-        steps = _steps(mechanism, max_action)
+        task = _task(mechanism, arguments)
+        given = DEFAULTS | arguments
+        steps = _steps(mechanism, given["max_action"])
+        singular_margin = given["singular_margin"]
         if singular_margin is None:
             singular_margin = _NEARLY_SINGULAR * float(mechanism.units.kernel_from_inputs(steps).min())
-        if task == "Switch" and difficulty == "fall" and on_instability != "snap":
-            raise ValueError(f"on_instability must be 'snap' for difficulty 'fall', got {on_instability!r}")
-        goals = Goals(mechanism, reward_type, success_distance, with_inputs=task == "Switch")
         return cls(
             mechanism=mechanism,
-            task=_task(task, goals, {"difficulty": difficulty, "path": path}),
-            on_instability=on_instability,
-            load_range=_load_range(mechanism, load),
-            observe_load=bool(one_of("observe_load", observe_load, (True, False))),
+            task=task,
+            on_instability=_behaviour(task, given["on_instability"]),
+            load_range=_load_range(mechanism, given["load"]),
+            observe_load=bool(one_of("observe_load", given["observe_load"], (True, False))),
             max_action=steps,
-            hold_steps=whole_number("hold_steps", hold_steps, least=1),
+            hold_steps=whole_number("hold_steps", given["hold_steps"], least=1),
             singular_margin=positive_number("singular_margin", singular_margin),
-            randomisation=Randomisation.from_mapping(randomisation).check(mechanism),
-            variants=_variants(variants),
-            actuators=Actuators.from_arguments(mechanism, actuator_lag, rate_limit, backlash),
-            observation_noise=_not_negative("observation_noise", observation_noise),
+            randomisation=Randomisation.from_mapping(given["randomisation"]).check(mechanism),
+            variants=_variants(given["variants"]),
+            actuators=Actuators.from_arguments(
+                mechanism, given["actuator_lag"], given["rate_limit"], given["backlash"]
+            ),
+            observation_noise=_not_negative("observation_noise", given["observation_noise"]),
+            render_mode=one_of("render_mode", given["render_mode"], (None, "rgb_array")),
+            render_ghosts=one_of("render_ghosts", given["render_ghosts"], (False, True)),
+            render_workspace=given["render_workspace"],
         )
 
     @property
@@ -148,26 +126,6 @@ class Settings:
     def always_stable(self) -> bool:
         """Whether no state is ever observed whose stability is lost."""
         return self.on_instability in ("snap", "hold")
-
-    @property
-    def elements(self) -> tuple[Element, ...]:
-        """The elements of the observation: of the state, and of what else is to be seen."""
-        elements = observation_elements(self.mechanism)
-        if self.always_stable:
-            elements = tuple(element for element in elements if element.name != "is_stable")
-        for steps in self.task.look_ahead:
-            elements += goal_elements(self.mechanism, steps)
-        if self.load_varies and self.observe_load:
-            elements += load_elements(self.mechanism)
-        if not self.actuators.are_ideal:
-            elements += command_elements(self.mechanism)
-        return elements
-
-    def spaces(self) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-        """Return observation and action space of one environment."""
-        goal = self.task.goals.box
-        observation = spaces.Dict({"observation": box_of(self.elements), "achieved_goal": goal, "desired_goal": goal})
-        return observation, spaces.Box(-1.0, 1.0, (self.mechanism.leg_count,), np.float32)
 
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
@@ -205,14 +163,29 @@ class Settings:
         )
 
 
-def _task(name: str, goals: Goals, arguments: Mapping[str, Any]) -> Task:
-    kind = TASKS[one_of("task", name, list(TASKS))]
-    allowed = {field.name for field in fields(kind)} - {"goals"}
-    given = {key: value for key, value in arguments.items() if value is not None}
-    for key in given:
-        if key not in allowed:
-            raise ValueError(f"{key} must be None for task {name!r}, got {given[key]!r}")
-    return kind(goals, **given)
+def _task(mechanism: Mechanism, arguments: EnvironmentArguments) -> Task:
+    """Return the task that the arguments ask for, by its name or class, or as it is."""
+    given = DEFAULTS | arguments
+    task = given["task"]
+    if isinstance(task, Task):
+        if task.goals != Goals(mechanism, task.goals.reward_type, task.goals.success_distance, type(task).with_inputs):
+            raise ValueError(f"task must have goals of mechanism {mechanism.name!r} and of its own kind, got {task!r}")
+        for name in arguments.keys() & {"reward_type", "success_distance", *task.argument_names()}:
+            raise TypeError(f"{name} must be given to the task where that is made before, got both it and {task!r}")
+        task_arguments(type(task), arguments)
+        return task
+    kind = task_type(task)
+    goals = Goals(mechanism, given["reward_type"], given["success_distance"], kind.with_inputs)
+    return kind(goals, **task_arguments(kind, arguments))
+
+
+def _behaviour(task: Task, on_instability: Any) -> OnInstability:
+    allowed = task.behaviours
+    one_of("on_instability", on_instability, tuple(BEHAVIOURS))
+    if on_instability not in allowed:
+        raise ValueError(f"on_instability must be one of {list(allowed)} for {task!r}, got {on_instability!r}")
+    checked: OnInstability = on_instability
+    return checked
 
 
 def _load_range(mechanism: Mechanism, load: ArrayLike | None) -> Array:

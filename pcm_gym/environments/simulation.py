@@ -5,21 +5,22 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.environments.openings import Generators, open_episodes
+from pcm_gym.environments.episodes import episode_starts
 from pcm_gym.environments.rows import Outcome, Rows
+from pcm_gym.environments.sensors import Sensors
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
-from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
-from pcm_gym.kernels.stepping.goals import pursue
-from pcm_gym.kernels.stepping.report import COST_ROWS, EVENT, FRACTION, LIMIT, LOST, SOLVER, VERDICT_ROWS, Moves, Report
+from pcm_gym.kernels.stepping.report import Moves, Report, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
-from pcm_gym.tasks import Scene, box_of, observation_elements
+from pcm_gym.tasks import Generators, Scene, box_of
 
 _NO_EVENT, _ACTUATOR_LIMIT = EVENTS.index(Event.NONE), EVENTS.index(Event.ACTUATOR_LIMIT)
+_SOLVER_FAILURE = EVENTS.index(Event.SOLVER_FAILURE)
 
 
 class Simulation:
@@ -45,9 +46,8 @@ class Simulation:
         self._threads = threads
         self._units = settings.mechanism.units
         self._stride, self._rules = settings.stride, settings.rules
-        elements = observation_elements(settings.mechanism)
-        self._feature_count, self._box = len(elements), box_of(elements)
-        self._sees_features = settings.elements == elements
+        self.sensors = Sensors(settings)
+        self._feature_count = len(self.sensors.features.elements)
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self.rows = self._rows_at_home()
@@ -67,6 +67,12 @@ class Simulation:
             commands=states.inputs.copy(),
             drives=states.inputs.copy(),
         )
+
+    def spaces(self) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
+        """Return observation and action space of one row."""
+        goal, observation = self.settings.task.goals.box, box_of(self.sensors.layout.elements)
+        observed = spaces.Dict({"observation": observation, "achieved_goal": goal, "desired_goal": goal})
+        return observed, spaces.Box(-1.0, 1.0, (self.settings.mechanism.leg_count,), np.float32)
 
     def equilibrium(self, row: int) -> Equilibrium:
         """Return the present equilibrium of one row."""
@@ -120,7 +126,7 @@ class Simulation:
         """Return what some rows come to when they stand still, as after a reset: no cost, no event."""
         report = self._empty_report()
         self._describe(rows, report)
-        chosen = Report(report.verdicts[:, rows], report.costs[:, rows], report.features[rows])
+        chosen = Report(report.verdicts[rows], report.features[rows])
         return self._outcome(rows, chosen, np.zeros(len(rows), dtype=np.bool_), generators)
 
     def _step_jobs(self, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
@@ -157,86 +163,52 @@ class Simulation:
 
         def finish(report: Report) -> None:
             # the limits are those of the commands; who was stopped on the way forgets what it was told
-            events = report.verdicts[EVENT, rows]
+            events = report.verdicts["event"][rows]
             is_usual = (events == _NO_EVENT) | (events == _ACTUATOR_LIMIT)
-            report.verdicts[EVENT, rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
-            report.costs[LIMIT, rows] = is_cut
-            arrived = (report.verdicts[FRACTION, rows] == 1.0)[:, None]
+            report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
+            report.verdicts["cost_limit"][rows] = is_cut
+            arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
             state.commands[rows] = np.where(arrived, commands, state.inputs[rows])
             state.drives[rows] = np.where(arrived, drives, state.inputs[rows])
 
         return moves, finish
 
     def _empty_report(self) -> Report:
-        return Report(
-            np.empty((VERDICT_ROWS, self.count)),
-            np.empty((COST_ROWS, self.count)),
-            np.empty((self.count, self._feature_count)),
-        )
+        return empty_report(self.count, self._feature_count)
 
     def _describe(self, rows: Integers, report: Report) -> None:
         for scene, members in self._by_scene(rows):
             describe_batch(scene.mechanism.leg_table, self.rows.states, members, report)
-        report.features[rows[self.rows.lost[rows]], -STABILITY_FEATURES] = 0.0
+        lost = rows[self.rows.lost[rows]]
+        report.verdicts["is_stable"][lost] = False
+        report.features[lost, self.sensors.features["is_stable"]] = 0.0
 
     def _outcome(self, rows: Integers, report: Report, has_stepped: Mask, generators: Generators) -> Outcome:
-        goals, state, costs = self.settings.task.goals, self.rows, report.costs
-        is_lost, is_unstable = report.verdicts[LOST] > 0.0, report.features[:, -STABILITY_FEATURES] == 0.0
+        task, state, verdicts = self.settings.task, self.rows, report.verdicts
+        is_lost = verdicts["is_lost"]
         state.lost[rows] = np.where(has_stepped, is_lost, state.lost[rows])
-        achieved = goals.achieved(report.features, state.inputs, rows)
-        desired, rewards = pursue(achieved, rows, has_stepped, is_unstable, state.pursuit, goals.scale)
-        observed = self._observed(rows, report.features, generators)
+        achieved = task.goals.achieved(report.features, state.inputs, rows)
+        desired, rewards = task.update_goals(achieved, rows, has_stepped, verdicts["is_stable"], state.progress)
+        observed = self.sensors.observe(state, rows, report.features, generators)
         return Outcome(
             {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
             rewards,
             is_lost,
-            costs[SOLVER] > 0.0,
+            verdicts["event"] == _SOLVER_FAILURE,
             state.held[rows] >= self.settings.hold_steps,
-            costs,
-            report.verdicts,
+            verdicts,
+            task.metrics(achieved, desired),
         )
 
-    def _observed(self, rows: Integers, features: Array, generators: Generators) -> Array:
-        """Return what is observed of some rows: features (m, f) as the sensors see them, and what else is told."""
-        settings = self.settings
-        if settings.observation_noise > 0.0:
-            features = self._with_noise(features, [generators[row] for row in rows.tolist()])
-        if self._sees_features:
-            return features
-        state, units, parts = self.rows, self._units, [features]
-        if settings.always_stable:
-            parts = [features[:, :-STABILITY_FEATURES], features[:, 1 - STABILITY_FEATURES :]]
-        for steps in settings.task.look_ahead:
-            parts.append(state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]])
-        if settings.load_varies and settings.observe_load:
-            parts.append(_within(state.load[rows], *units.kernel_from_load(settings.load_range)))
-        if not settings.actuators.are_ideal:
-            parts.append(_within(state.commands[rows], *settings.mechanism.kernel_limits))
-        return np.concatenate(parts, axis=1)
-
-    def _with_noise(self, features: Array, generators: Generators) -> Array:
-        """Return the features (m, f) with noise on all that is measured: on all but the verdicts on stability."""
-        measured = features.shape[1] - STABILITY_FEATURES
-        noise = np.array([generator.standard_normal(measured) for generator in generators])
-        noisy = features.copy()
-        noisy[:, :measured] += self.settings.observation_noise * noise
-        return np.clip(noisy, self._box.low, self._box.high)
-
     def reset_rows(self, rows: Integers, generators: Generators, options: Mapping[str, Any] | None) -> None:
-        """Begin new episodes in some rows, each with its generator; see `open_episodes`."""
-        goals, state = self.settings.task.goals, self.rows
-        for opening in open_episodes(self.settings, self.scenes, generators, options, self._threads):
-            begun, start = rows[opening.members], opening.states
+        """Begin new episodes in some rows, each with its generator; see `episode_starts`."""
+        task, state = self.settings.task, self.rows
+        for starts in episode_starts(self.settings, self.scenes, generators, options, self._threads):
+            begun, start = rows[starts.members], starts.states
             for array, values in zip(state.states, start, strict=True):
                 array[begun] = values
-            state.scene[begun], state.elapsed[begun], state.lost[begun] = opening.scene, 0, False
-            state.goals[begun], state.witness[begun] = opening.goals, opening.witness
+            state.scene[begun], state.elapsed[begun], state.lost[begun] = starts.scene, 0, False
+            state.goals[begun], state.witness[begun] = starts.goals, starts.witness
             state.commands[begun], state.drives[begun] = start.inputs, start.inputs
-            _, at_goal = goals.score(goals.of_states(start.x, start.inputs), opening.goals[:, 0])
+            _, at_goal = task.score(task.goals.of_states(start.x, start.inputs), starts.goals[:, 0])
             state.held[begun] = at_goal
-
-
-def _within(values: Array, lower: Array, upper: Array) -> Array:
-    """Return where values (n, k) are between bounds (k,): -1 and 1 at the bounds, 0 between equal ones."""
-    half = 0.5 * (upper - lower)
-    return (values - 0.5 * (upper + lower)) / np.where(half > 0.0, half, 1.0)

@@ -2,19 +2,19 @@
 
 import copy
 import math
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.arrays import Array
-from pcm_gym.environments.pictures import Pictures, Workspace
+from pcm_gym.environments.arguments import EnvironmentArguments
+from pcm_gym.environments.pictures import Pictures
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Element, Task
 
@@ -67,81 +67,15 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     Info
     ----
-    is_success : bool
-        Whether the state is stable and at its goal, for `hold_steps` states in a row.
-    cost : float
-        Sum of the four costs that follow. Each is 0 or 1, and 0 at reset.
-    cost_unstable : float
-        1 where stability was lost on the way, or the state is unstable.
-    cost_singular : float
-        1 where the singularity margin is below `singular_margin`.
-    cost_limit : float
-        1 where an increment was cut at an actuator's limit.
-    cost_solver : float
-        1 where the solver failed.
-    index : int
-        Morse index of the present equilibrium: number of unstable directions of its energy, 0 where it is stable.
-    stability_margin : float
-        Least eigenvalue of the dimensionless stiffness (EI = L = 1). Of an unstable state it proves nothing.
-    singularity_margin : float
-        Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
-    residual : float
-        Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
-    event : str
-        The first loss of stability on the way: "fold", where the branch ends, or "index_change", where it goes on with
-        another index; else "solver_failure", "actuator_limit" or "none".
+    What `Info` lists, of each state: success, costs, stability and what happened on the way. A task from outside the
+    package may add metrics.
 
     Parameters
     ----------
     mechanism : Mechanism or str
         The mechanism, or its name in the catalogue.
-    render_mode : "rgb_array", optional
-        What `render` returns: pictures. With "human", `gymnasium.make` shows these pictures in a window.
-    render_ghosts : bool
-        Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
-        when a picture is drawn: about 10 ms for two legs, a second for a platform.
-    render_workspace : Atlas or path, optional
-        Atlas of the same mechanism under the same load, or a file with one; its stable workspace is the background of
-        the pictures.
-    task : "Reach", "Track" or "Switch"
-        Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs.
-    reward_type : "dense" or "sparse"
-        How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
-    difficulty : str, optional
-        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
-    path : "circle", "eight", "spline" or "any", optional
-        For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
-    success_distance : float
-        Distance to the goal, in m, that counts as being there.
-    hold_steps : int
-        States in a row at the goal that make a success.
-    on_instability : "terminate", "snap", "hold" or "continue"
-        What comes of a step that loses stability; see "Loss of stability".
-    max_action : float or array_like (legs,), optional
-        Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
-    singular_margin : float, optional
-        Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
-        rod lengths; by default half of the agent's smallest step.
-    load : array_like (d,) or (2, d), optional
-        Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
-        at each reset.
-    observe_load : bool
-        Whether a load that is drawn is observed.
-    randomisation : mapping of str to float, optional
-        How much the mechanism differs from episode to episode: largest relative deviations of "stiffness" and "length"
-        of each rod, largest deviations in m of each "base" and each "attachment".
-    variants : int
-        Where loads or mechanisms are drawn: out of so many, which are the same for all environments, up to 128. Each
-        takes some tenths of a second when an environment is first made.
-    actuator_lag : float
-        Time constant with which the actuators follow, in steps.
-    rate_limit : float or array_like (legs,), optional
-        Largest move of each actuator in a step, rad or m.
-    backlash : float or array_like (legs,)
-        Play between each actuator and its clamp, rad or m.
-    observation_noise : float
-        Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
-        stability are exact.
+    **arguments
+        Any of `EnvironmentArguments`.
 
     Version history
     ---------------
@@ -150,20 +84,12 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
 
-    def __init__(
-        self,
-        mechanism: Mechanism | str = "2RFR",
-        *,
-        render_mode: str | None = None,
-        render_ghosts: bool = False,
-        render_workspace: Workspace = None,
-        **arguments: Any,
-    ) -> None:
+    def __init__(self, mechanism: Mechanism | str = "2RFR", **arguments: Unpack[EnvironmentArguments]) -> None:
         settings = Settings.from_arguments(mechanism, **arguments)
-        self.render_mode = one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        self._pictures = Pictures(settings, render_ghosts, render_workspace)
-        self.observation_space, self.action_space = settings.spaces()
+        self.render_mode = settings.render_mode
+        self._pictures = Pictures(settings)
         self._simulation = Simulation(settings, 1)
+        self.observation_space, self.action_space = self._simulation.spaces()
         self._action_shape = self.action_space.shape
         self._stability_lost = False
         self._trail: list[Array] = []
@@ -181,7 +107,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     @property
     def elements(self) -> tuple[Element, ...]:
         """What `observation` holds, element by element."""
-        return self._simulation.settings.elements
+        return self._simulation.sensors.layout.elements
 
     @property
     def goal_elements(self) -> tuple[Element, ...]:
@@ -272,7 +198,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
-        return self.task.goals.compute_reward(achieved_goal, desired_goal)
+        return self.task.compute_reward(achieved_goal, desired_goal)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the present state, (height, width, 3); None without `render_mode`."""

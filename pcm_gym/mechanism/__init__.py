@@ -10,7 +10,7 @@ L, EI : length and bending stiffness of a rod; their means over the legs are the
 d : degrees of freedom of the end-effector: 2, (x, y), or 3, (x, y, phi).
 """
 
-from pcm_gym.mechanism.catalogue import get_mechanism, mechanism_names
+from pcm_gym.mechanism.catalogue import get_mechanism, mechanism_names, register_mechanism
 from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
 from pcm_gym.mechanism.mechanism import Mechanism, Units
 from pcm_gym.mechanism.text import mechanism_from_json, mechanism_to_json
@@ -26,4 +26,5 @@ __all__ = [
     "mechanism_from_json",
     "mechanism_names",
     "mechanism_to_json",
+    "register_mechanism",
 ]

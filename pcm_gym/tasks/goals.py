@@ -7,14 +7,13 @@ from typing import Literal
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.stepping.goals import Scale, poses_seen, score_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks.observation import Element, box_of, input_elements, pose_elements
+from pcm_gym.tasks.observation import Element, box_of, feature_layout, input_elements, pose_elements
 
 RewardType = Literal["dense", "sparse"]
 
@@ -61,7 +60,7 @@ class Goals:
         """What differences from a goal count, for the kernels."""
         squares = [x * x + y * y for x, y in (leg.attachment for leg in self.mechanism.legs)]
         arm = math.fsum(squares) / len(squares) / self.mechanism.units.length**2
-        pose = [1.0, 1.0, arm, arm][: self._pose_size]
+        pose = [1.0, 1.0, arm, arm][self._pose]
         inputs = [_INPUT_WEIGHT**2] * (self.mechanism.leg_count if self.with_inputs else 0)
         return Scale(np.array(pose + inputs), self.tolerance, self.reward_type == "sparse")
 
@@ -76,18 +75,25 @@ class Goals:
         elements = pose_elements(self.mechanism)
         return elements + input_elements(self.mechanism) if self.with_inputs else elements
 
+    def elements_in(self, steps: int) -> tuple[Element, ...]:
+        """Return the elements that tell what the goal will be after some steps."""
+        suffix, what = f"_in_{steps}", f" of the goal {steps} step{'s' * (steps > 1)} from now"
+        elements = pose_elements(self.mechanism, suffix, what)
+        return elements + input_elements(self.mechanism, suffix, what) if self.with_inputs else elements
+
     @property
     def box(self) -> spaces.Box:
         """The space of achieved and desired goals."""
         return box_of(self.elements)
 
-    @property
-    def _pose_size(self) -> int:
-        return 2 * (self.mechanism.dof - 1)
+    @cached_property
+    def _pose(self) -> slice:
+        """Where the features of a state, and goals, hold the pose."""
+        return feature_layout(self.mechanism)["pose"]
 
     def achieved(self, features: Array, inputs: Array, rows: Integers) -> Array:
         """Return the goals (m, g) that some rows meet, with features (m, f) and inputs (n, legs)."""
-        poses = features[:, : self._pose_size]
+        poses = features[:, self._pose]
         return np.concatenate([poses, inputs[rows]], axis=1) if self.with_inputs else poses.copy()
 
     def of_states(self, x: Array, inputs: Array) -> Array:
@@ -113,13 +119,6 @@ class Goals:
         return position if self.mechanism.dof == 2 else np.append(position, math.atan2(goal[3], goal[2]))
 
     def score(self, achieved: Array, desired: Array) -> tuple[Array, Mask]:
-        """Return rewards and whether they are reached, (n,) each, of achieved for desired goals (n, g)."""
+        """Return rewards, and whether goals are reached, (n,) each, for achieved and desired goals (n, g)."""
         rewards, distances = score_goals(achieved, desired, self.scale)
         return rewards, distances <= self.tolerance
-
-    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
-        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
-        achieved = np.asarray(achieved_goal, dtype=np.float64)
-        desired = np.asarray(desired_goal, dtype=np.float64)
-        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
-        return float(rewards[0]) if achieved.ndim == 1 else rewards

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium import spaces
 
+from pcm_gym.arrays import Mask
+from pcm_gym.kernels.stepping.features import DISTANCE_SCALE, LOAD_SCALE, STIFFNESS_SCALE, columns_of
 from pcm_gym.mechanism import Mechanism
 
 
@@ -21,6 +23,79 @@ class Element:
     high: float
 
 
+_STABILITY_ELEMENT = Element("is_stable", "1 while the equilibrium is stable, 0 once stability is lost", "1", 0.0, 1.0)
+_MARGIN_ELEMENTS = (
+    Element(
+        "stability_margin", f"s / ({STIFFNESS_SCALE:g} + |s|), s = least eigenvalue of the stiffness", "1", -1.0, 1.0
+    ),
+    Element(
+        "singularity_margin", f"d / ({DISTANCE_SCALE:g} + d), d = estimated distance of the nearest fold", "1", 0.0, 1.0
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Elements that follow one another, under one name.
+
+    Attributes
+    ----------
+    name : str
+    elements : tuple of Element
+    is_measured : bool
+        Whether sensors measure them, and noise disturbs them.
+    """
+
+    name: str
+    elements: tuple[Element, ...]
+    is_measured: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Parts that follow one another; `layout["rods"]` is the slice of the part of that name."""
+
+    parts: tuple[Part, ...]
+
+    def __getitem__(self, name: str) -> slice:
+        start = 0
+        for part in self.parts:
+            if part.name == name:
+                return slice(start, start + len(part.elements))
+            start += len(part.elements)
+        raise KeyError(f"name must be one of {[part.name for part in self.parts]}, got {name!r}")
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """The elements of all parts."""
+        return tuple(element for part in self.parts for element in part.elements)
+
+    @property
+    def is_measured(self) -> Mask:
+        """Which elements are measured, (elements,)."""
+        return np.array([part.is_measured for part in self.parts for _ in part.elements], dtype=np.bool_)
+
+    def without(self, name: str) -> "Layout":
+        """Return the layout without the part of that name."""
+        return Layout(tuple(part for part in self.parts if part.name != name))
+
+
+def feature_layout(mechanism: Mechanism) -> Layout:
+    """Return where the kernels put the features of a state: pose, inputs, rods, is_stable and margins."""
+    layout = Layout(
+        (
+            Part("pose", pose_elements(mechanism), is_measured=True),
+            Part("inputs", _clamp_elements(mechanism), is_measured=True),
+            Part("rods", _rod_elements(mechanism), is_measured=True),
+            Part("is_stable", (_STABILITY_ELEMENT,)),
+            Part("margins", _MARGIN_ELEMENTS),
+        )
+    )
+    starts = [layout[part.name].start for part in layout.parts[1:]]
+    assert (*starts, len(layout.elements)) == columns_of(mechanism.leg_table, mechanism.dof)
+    return layout
+
+
 def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     """Return the elements of the observation of a mechanism, in the order in which the kernels fill them.
 
@@ -28,29 +103,10 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     -----
     All are of order one and continuous in the state, chart seams of the rods' parameters included: the modulus k and
     the direction psi of the force are given as the load at the tip and at the clamp, the mode as a number that grows
-    through the modes. The load of a rod is rho = L sqrt(R / EI), with the force R at its tip, and its part in the
-    elements w = rho^2 / (10 + rho^2). The eigenvalue s is dimensionless (EI = L = 1), the distance d in rad and mean
-    rod lengths.
+    through the modes. The load of a rod is rho = L sqrt(R / EI), with the force R at its tip, and w its part in the
+    elements. The eigenvalue s is dimensionless (EI = L = 1), the distance d in rad and mean rod lengths.
     """
-    elements = list(pose_elements(mechanism))
-    for n, leg in enumerate(mechanism.legs, start=1):
-        elements.append(Element(f"input_{n}", f"position of actuator {n} within its limits", "half range", -1.0, 1.0))
-        if leg.actuator.is_angle:
-            elements.append(Element(f"cos_clamp_{n}", f"cosine of the angle of clamp {n}", "1", -1.0, 1.0))
-            elements.append(Element(f"sin_clamp_{n}", f"sine of the angle of clamp {n}", "1", -1.0, 1.0))
-    for n in range(1, mechanism.leg_count + 1):
-        elements += _rod_elements(n)
-    elements += [
-        Element("is_stable", "1 while the equilibrium is stable, 0 once stability is lost", "1", 0.0, 1.0),
-        Element("stability_margin", "s / (20 + |s|), s = least eigenvalue of the stiffness", "1", -1.0, 1.0),
-        Element("singularity_margin", "d / (0.1 + d), d = estimated distance of the nearest fold", "1", 0.0, 1.0),
-    ]
-    return tuple(elements)
-
-
-def goal_elements(mechanism: Mechanism, steps: int) -> tuple[Element, ...]:
-    """Return the elements that tell where the goal will be after some steps."""
-    return pose_elements(mechanism, f"_in_{steps}", f" of the goal {steps} step{'s' * (steps > 1)} from now")
+    return feature_layout(mechanism).elements
 
 
 def load_elements(mechanism: Mechanism) -> tuple[Element, ...]:
@@ -83,13 +139,13 @@ def pose_elements(mechanism: Mechanism, suffix: str = "", what: str = " of the e
     return tuple(elements)
 
 
-def input_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+def input_elements(mechanism: Mechanism, suffix: str = "", what: str = "") -> tuple[Element, ...]:
     """Return the elements that tell the inputs as they are."""
     bounds = zip(mechanism.legs, *mechanism.kernel_limits, strict=True)
     return tuple(
         Element(
-            f"input_{n}",
-            f"input of actuator {n}",
+            f"input_{n}{suffix}",
+            f"input of actuator {n}{what}",
             "rad" if leg.actuator.is_angle else "mean rod length",
             float(low),
             float(high),
@@ -98,14 +154,29 @@ def input_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     )
 
 
-def _rod_elements(n: int) -> list[Element]:
-    return [
-        Element(f"tip_load_along_{n}", f"force on rod {n} along its tip, w (2 k^2 - 1)", "1", -1.0, 1.0),
-        Element(f"tip_load_across_{n}", f"force on rod {n} across its tip", "1", -1.0, 1.0),
-        Element(f"clamp_load_along_{n}", f"force on rod {n} along its clamp, w cos(psi)", "1", -1.0, 1.0),
-        Element(f"clamp_load_across_{n}", f"force on rod {n} across its clamp, w sin(psi)", "1", -1.0, 1.0),
-        Element(f"mode_{n}", f"p / (1 + p), buckling mode of rod {n} = 1 + integer part of p", "1", 0.0, 1.0),
-    ]
+def _clamp_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    elements = []
+    for n, leg in enumerate(mechanism.legs, start=1):
+        elements.append(Element(f"input_{n}", f"position of actuator {n} within its limits", "half range", -1.0, 1.0))
+        if leg.actuator.is_angle:
+            elements.append(Element(f"cos_clamp_{n}", f"cosine of the angle of clamp {n}", "1", -1.0, 1.0))
+            elements.append(Element(f"sin_clamp_{n}", f"sine of the angle of clamp {n}", "1", -1.0, 1.0))
+    return tuple(elements)
+
+
+def _rod_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    w = f"w = rho^2 / ({LOAD_SCALE:g} + rho^2)"
+    return tuple(
+        element
+        for n in range(1, mechanism.leg_count + 1)
+        for element in (
+            Element(f"tip_load_along_{n}", f"force on rod {n} along its tip, w (2 k^2 - 1), {w}", "1", -1.0, 1.0),
+            Element(f"tip_load_across_{n}", f"force on rod {n} across its tip", "1", -1.0, 1.0),
+            Element(f"clamp_load_along_{n}", f"force on rod {n} along its clamp, w cos(psi)", "1", -1.0, 1.0),
+            Element(f"clamp_load_across_{n}", f"force on rod {n} across its clamp, w sin(psi)", "1", -1.0, 1.0),
+            Element(f"mode_{n}", f"p / (1 + p), buckling mode of rod {n} = 1 + integer part of p", "1", 0.0, 1.0),
+        )
+    )
 
 
 def pose_reach(mechanism: Mechanism) -> float:

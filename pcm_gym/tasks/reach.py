@@ -1,7 +1,7 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -43,8 +43,6 @@ class Reach(Task):
         stability, but another way, of up to 80 steps, does not; refused for mechanisms without such goals.
     """
 
-    time_limit: ClassVar[int] = 100
-
     difficulty: ReachDifficulty = "near"
 
     def __post_init__(self) -> None:
@@ -79,7 +77,7 @@ class Reach(Task):
     def _at_goal(self, start: States, ends: States, rows: Integers) -> Mask:
         """Return in which of some rows the start is at the goal already."""
         here, there = (self.goals.of_states(states.x[rows], states.inputs[rows]) for states in (start, ends))
-        return self.goals.score(here, there)[1]
+        return self.score(here, there)[1]
 
     def _detours(self, scene: Scene, generators: Generators) -> Episodes:
         pairs = detours(scene)

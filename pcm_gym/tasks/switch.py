@@ -10,7 +10,7 @@ from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
-from pcm_gym.tasks.task import Episodes, Generators, Task, draw
+from pcm_gym.tasks.task import Episodes, Generators, OnInstability, Task, draw
 
 # Equilibria from which the sheets are charted: up to this load, at so many inputs along each axis, for two and three
 # legs.
@@ -42,18 +42,23 @@ class Switch(Task):
         `on_instability="snap"`.
     """
 
-    time_limit: ClassVar[int] = 150
+    with_inputs: ClassVar[bool] = True
 
     difficulty: SwitchDifficulty = "around"
 
     def __post_init__(self) -> None:
         one_of("difficulty", self.difficulty, ("around", "fall"))
 
+    @property
+    def behaviours(self) -> tuple[OnInstability, ...]:
+        """Without falls that are followed nothing leads to the goals of "fall"."""
+        return ("snap",) if self.difficulty == "fall" else super().behaviours
+
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes whose starts are any that have such a goal."""
         ends = switches(scene, self.difficulty)
         here, there = (self.goals.of_states(x, ends.inputs) for x in (ends.start_x, ends.goal_x))
-        apart = np.flatnonzero(~self.goals.score(here, there)[1])
+        apart = np.flatnonzero(~self.score(here, there)[1])
         if not len(apart):
             raise ValueError(f"success_distance must be less than {self.goals.success_distance}: all goals are reached")
         chosen = apart[(draw(generators, 1)[:, 0] * len(apart)).astype(np.int64)]

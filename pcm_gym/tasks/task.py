@@ -1,19 +1,23 @@
-"""What every task has: goals, the way they move, and how episodes are drawn."""
+"""What every task has: goals, the way they move, how episodes are drawn, and what reaching a goal is worth."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.stepping.goals import GoalProgress, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
 Generators = Sequence[np.random.Generator]
+# What may come of a loss of stability.
+OnInstability = Literal["terminate", "snap", "hold", "continue"]
 
 
 @dataclass(frozen=True)
@@ -22,12 +26,15 @@ class Episodes:
 
     states: States  # (n, ...)
     goals: Array  # (n, p, g): the goal of each step, over and over
-    witness: States  # (n, ...): where the first goal is met
+    witness: States | None = None  # (n, ...): where the first goal is met; None where that is not known
 
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """A task is what its goals are and how episodes are drawn; what it is to reach one, the goals tell themselves.
+    """A task is what its goals are, how episodes are drawn, and what reaching a goal is worth.
+
+    A subclass is a frozen dataclass. Its fields are arguments of the environment, which it validates itself. It draws
+    its episodes, `sample`, and may `score` in its own way, refuse behaviours and tell `metrics`.
 
     Starts and goals
     ----------------
@@ -40,13 +47,18 @@ class Task(ABC):
     goals : Goals
     """
 
-    # Steps that an episode lasts in the registered environments, those after which the goals begin again, and how many
-    # steps ahead the agent sees the goal beside the present one.
-    time_limit: ClassVar[int]
+    # Whether goals are whole equilibria, the steps after which they begin again, and how many steps ahead the agent
+    # sees the goal beside the present one.
+    with_inputs: ClassVar[bool] = False
     period: ClassVar[int] = 1
     look_ahead: ClassVar[tuple[int, ...]] = ()
 
-    goals: Goals
+    goals: Goals = field(repr=False)
+
+    @classmethod
+    def argument_names(cls) -> tuple[str, ...]:
+        """Return the names of the arguments that the task has of its own."""
+        return tuple(own.name for own in fields(cls) if own.name != "goals")
 
     @abstractmethod
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
@@ -57,6 +69,44 @@ class Task(ABC):
         ValueError
             If the scene has no such episodes.
         """
+
+    @property
+    def behaviours(self) -> tuple[OnInstability, ...]:
+        """What may come of a loss of stability in this task: values of `on_instability`."""
+        return get_args(OnInstability)
+
+    def score(self, achieved: Array, desired: Array) -> tuple[Array, Mask]:
+        """Return rewards, and whether goals are reached, (n,) each, for achieved and desired goals (n, g).
+
+        By default both follow from their distance, see `Goals`. What a task puts in its place must judge each row by
+        itself; whatever its numbers are, rewards are floats.
+        """
+        return self.goals.score(achieved, desired)
+
+    def metrics(self, achieved: Array, desired: Array) -> dict[str, Array]:
+        """Return what else the infos tell of achieved and desired goals (n, g), (n,) each; nothing by default.
+
+        The names of `Info` are taken.
+        """
+        return {}
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
+        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
+        achieved = np.asarray(achieved_goal, dtype=np.float64)
+        desired = np.asarray(desired_goal, dtype=np.float64)
+        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
+        return float(rewards[0]) if achieved.ndim == 1 else np.asarray(rewards, dtype=np.float64)
+
+    def update_goals(
+        self, achieved: Array, rows: Integers, has_stepped: Mask, is_stable: Mask, progress: GoalProgress
+    ) -> tuple[Array, Array]:
+        """Return the present goals (m, g) of some rows and the rewards (m,); see the kernel of the same name."""
+        if type(self).score is Task.score:  # in compiled code as a whole
+            return update_goals(achieved, rows, has_stepped, is_stable, progress, self.goals.scale)
+        desired = next_goals(rows, has_stepped, progress)
+        rewards, is_reached = self.score(achieved, desired)
+        count_held(rows, has_stepped, is_reached & is_stable, progress)
+        return desired, np.array(rewards, dtype=np.float64)
 
 
 def draw(generators: Generators, count: int) -> Array:

@@ -52,7 +52,6 @@ class Track(Task):
         harmonics, or all of them.
     """
 
-    time_limit: ClassVar[int] = 200
     period: ClassVar[int] = _PERIOD
     look_ahead: ClassVar[tuple[int, ...]] = (1, 2, 4, 8)
 

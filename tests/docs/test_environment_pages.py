@@ -19,16 +19,18 @@ from docs.environments.page import (
     FOLDER,
     IMAGES,
     environment_defaults,
+    environment_entries,
     environment_page,
     image_name,
     index_page,
     page_name,
     spec_of,
-    task_arguments,
 )
 from docs.environments.picture import picture
+from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.openings import RESET_OPTIONS
+from pcm_gym.environments.episodes import RESET_OPTIONS
+from pcm_gym.environments.rows import Info
 from pcm_gym.environments.settings import BEHAVIOURS
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.tasks import TASKS
@@ -93,7 +95,8 @@ def test_committed_picture_is_small_and_of_the_size_that_is_drawn(env: Mechanism
 
 
 def test_every_argument_of_an_environment_is_documented_and_no_other() -> None:
-    assert sorted(names_of(MechanismEnv, "param")) == sorted(environment_defaults())
+    assert [entry.arg_name for entry in environment_entries()] == list(environment_defaults())
+    assert set(EnvironmentArguments.__annotations__) == set(DEFAULTS)
 
 
 def test_every_argument_of_the_batch_is_documented_and_no_other() -> None:
@@ -105,11 +108,11 @@ def test_every_argument_of_the_batch_is_documented_and_no_other() -> None:
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_argument_of_a_task_is_documented_and_no_other(task: str) -> None:
-    assert sorted(names_of(TASKS[task], "attribute")) == sorted({"goals", *task_arguments(TASKS[task])})
+    assert sorted(names_of(TASKS[task], "attribute")) == sorted({"goals", *TASKS[task].argument_names()})
 
 
 def test_every_info_of_a_step_and_of_a_reset_is_documented_with_its_type(env: MechanismEnv) -> None:
-    described = {entry.arg_name: entry.type_name for entry in docstrings.entries(MechanismEnv, "Info")}
+    described = {entry.arg_name: entry.type_name for entry in docstrings.entries(Info, "attribute")}
     _, begun = env.reset(seed=0)
     *_, info = env.step(env.action_space.sample())
     for found in (begun, info):
@@ -169,7 +172,9 @@ def test_page_lists_the_action_with_its_increments(env: MechanismEnv) -> None:
 
 def test_page_lists_the_arguments_that_the_environment_takes(env: MechanismEnv) -> None:
     listed = {row[0] for row in rows_under(page_of(env), "Arguments")} - {"argument"}
-    of_other_tasks = set().union(*map(task_arguments, TASKS.values())) - task_arguments(type(env.task))
+    of_other_tasks = {name for task in TASKS.values() for name in task.argument_names()}.difference(
+        env.task.argument_names()
+    )
     assert listed == set(environment_defaults()) - of_other_tasks
 
 

@@ -14,17 +14,8 @@ import pcm_gym
 # The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
 FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
 
-COSTS = ("cost_unstable", "cost_singular", "cost_limit", "cost_solver")
-INFO_TYPES = {
-    "is_success": bool,
-    "cost": float,
-    **dict.fromkeys(COSTS, float),
-    "index": int,
-    "stability_margin": float,
-    "singularity_margin": float,
-    "residual": float,
-    "event": str,
-}
+INFO_TYPES = pcm_gym.Info.__annotations__
+COSTS = tuple(name for name in INFO_TYPES if name.startswith("cost_"))
 
 
 def folding_arguments(environment_id: str) -> dict[str, Any]:

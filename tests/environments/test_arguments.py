@@ -1,5 +1,6 @@
 """Wrong arguments of environments are refused with a message that names them."""
 
+import re
 from typing import Any
 
 import gymnasium
@@ -73,6 +74,21 @@ def test_bad_arguments_of_the_batch_are_named(name: str, value: Any) -> None:
 def test_unknown_arguments_are_refused() -> None:
     with pytest.raises(TypeError, match="sped"):
         gymnasium.make("PCM/2RFR-Reach-v0", sped=3)
+
+
+@pytest.mark.parametrize("kind", [MechanismEnv, MechanismVectorEnv])
+def test_unknown_arguments_are_answered_with_those_that_there_are(kind: Any) -> None:
+    with pytest.raises(TypeError, match="'sped' is no argument of an environment") as caught:
+        kind(sped=3)
+    expected = {"mechanism", *pcm_gym.EnvironmentArguments.__annotations__} - {"path"}  # which is that of Track
+    assert set(re.findall(r"'(\w+)'", str(caught.value))) == {"sped", "Reach"} | expected
+
+
+def test_arguments_of_other_tasks_and_behaviours_that_a_task_refuses_are_named() -> None:
+    with pytest.raises(ValueError, match="path must be None for task 'Reach', got 'circle'"):
+        MechanismEnv(path="circle")
+    with pytest.raises(ValueError, match=r"on_instability must be one of \['snap'\] for Switch\(difficulty='fall'\)"):
+        MechanismEnv(task="Switch", difficulty="fall")
 
 
 def test_step_sizes_may_be_one_or_one_per_leg() -> None:

@@ -1,16 +1,20 @@
 """The table of environments."""
 
+import itertools
+
 import gymnasium
 import pytest
+from gymnasium.envs.registration import EnvSpec
 
 import pcm_gym
+from pcm_gym.environments.registration import ENVIRONMENTS
 
 
-def test_every_mechanism_has_every_task() -> None:
-    ids = pcm_gym.environment_ids()
-    assert len(ids) == len(set(ids))
-    assert {f"PCM/{name}-Reach-v0" for name in pcm_gym.mechanism_names()} <= set(ids)
-    assert set(ids) <= set(gymnasium.registry)
+def test_every_mechanism_has_every_task_under_the_name_of_both() -> None:
+    pairs = list(itertools.product(["Reach", "Track", "Switch"], ["2RFR", "2PFR", "3PFR"]))
+    assert [(own.task, own.mechanism) for own in ENVIRONMENTS] == pairs
+    assert pcm_gym.environment_ids() == [f"PCM/{mechanism}-{task}-v0" for task, mechanism in pairs]
+    assert set(pcm_gym.environment_ids()) <= set(gymnasium.registry)
 
 
 def test_registering_twice_changes_nothing() -> None:
@@ -21,8 +25,9 @@ def test_registering_twice_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("environment_id", pcm_gym.environment_ids())
-def test_entry_points_are_strings(environment_id: str) -> None:
+def test_specifications_have_a_json(environment_id: str) -> None:
     spec = gymnasium.spec(environment_id)
     assert isinstance(spec.entry_point, str)
     assert isinstance(spec.vector_entry_point, str)
     assert not spec.nondeterministic
+    assert EnvSpec.from_json(spec.to_json()) == spec

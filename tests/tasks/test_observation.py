@@ -90,6 +90,25 @@ def test_table_is_complete(name: str) -> None:
     assert Goals(mechanism).box.shape == ((2,) if mechanism.dof == 2 else (4,))
 
 
+def test_layout_names_the_parts_of_the_observation() -> None:
+    keywords: dict[str, Any] = {"load": ((-0.01, -0.02), (0.01, 0.02)), "variants": 2, "actuator_lag": 1.0}
+    env = make_bare("PCM/2RFR-Track-v0", on_instability="hold", observation_noise=0.5, **keywords)
+    quiet = make_bare("PCM/2RFR-Track-v0", on_instability="hold", **keywords)
+    layout = env._simulation.sensors.layout
+    names = [element.name for element in env.elements]
+    parts = {part.name: names[layout[part.name]] for part in layout.parts}
+    assert [name for own in parts.values() for name in own] == names
+    assert parts["pose"] == ["x", "y"]
+    assert parts["inputs"][3:] == ["input_2", "cos_clamp_2", "sin_clamp_2"]
+    assert (len(parts["rods"]), parts["margins"]) == (10, ["stability_margin", "singularity_margin"])
+    assert parts["goal_in_8"] == ["x_in_8", "y_in_8"]
+    assert (parts["load"], parts["commands"]) == (["load_1", "load_2"], ["command_1", "command_2"])
+    is_noisy = env.reset(seed=0)[0]["observation"] != quiet.reset(seed=0)[0]["observation"]
+    assert [part for part in parts if is_noisy[layout[part]].any()] == ["pose", "inputs", "rods"]
+    with pytest.raises(KeyError, match="is_stable"):
+        layout["is_stable"]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_elements_are_continuous_along_branches(name: str) -> None:
     """Chart seams of the rods' parameters (psi past 2 pi, k through 0 and +-1, mode to mode) leave no jump.

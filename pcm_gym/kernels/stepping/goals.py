@@ -12,8 +12,8 @@ from pcm_gym.kernels.numerics.compilation import formula, kernel
 FAR, NEAR = 1.0, 0.05
 
 
-class Pursuit(NamedTuple):
-    """The goals of a batch and how far their pursuit has come, one row per environment."""
+class GoalProgress(NamedTuple):
+    """The goals of a batch and what has been made of them, one row per environment."""
 
     goals: Array  # (n, p, g): those of successive steps, over and over
     elapsed: Integers  # (n,): steps since the reset
@@ -57,27 +57,40 @@ def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, A
 
 
 @kernel
-def pursue(
-    achieved: Array, rows: Integers, has_stepped: Mask, is_unstable: Mask, pursuit: Pursuit, scale: Scale
+def update_goals(
+    achieved: Array, rows: Integers, has_stepped: Mask, is_stable: Mask, progress: GoalProgress, scale: Scale
 ) -> tuple[Array, Array]:
     """Return the present goals (m, g) of some rows and the rewards (m,) of what is achieved (m, g).
 
-    In the rows that have stepped, one entry each like those of `is_unstable`, time goes on and what is held is counted
-    anew; an unstable state, or one whose stability is lost, holds nothing.
+    There is one entry for each row. In those that have stepped time goes on, and what is held is counted anew; a state
+    that is not stable holds nothing.
     """
-    desired, rewards = np.empty_like(achieved), np.empty(rows.shape[0])
-    period = pursuit.goals.shape[1]
+    desired = next_goals(rows, has_stepped, progress)
+    rewards, distances = score_goals(achieved, desired, scale)
+    count_held(rows, has_stepped, (distances <= scale.tolerance) & is_stable, progress)
+    return desired, rewards
+
+
+@kernel
+def next_goals(rows: Integers, has_stepped: Mask, progress: GoalProgress) -> Array:
+    """Let time go on in the rows that have stepped; return the present goals (m, g) of all."""
+    period = progress.goals.shape[1]
+    desired = np.empty((rows.shape[0], progress.goals.shape[2]))
     for k in range(rows.shape[0]):
         row = rows[k]
-        pursuit.elapsed[row] += has_stepped[k]
-        phase = pursuit.elapsed[row] % period if period > 1 else 0
+        progress.elapsed[row] += has_stepped[k]
+        phase = progress.elapsed[row] % period if period > 1 else 0
         for j in range(desired.shape[1]):
-            desired[k, j] = pursuit.goals[row, phase, j]
-        distance = _distance(achieved, desired, k, scale.weights)
-        rewards[k] = _reward(distance, scale)
+            desired[k, j] = progress.goals[row, phase, j]
+    return desired
+
+
+@kernel
+def count_held(rows: Integers, has_stepped: Mask, is_held: Mask, progress: GoalProgress) -> None:
+    """Count the states in a row that are held at their goal, in the rows that have stepped."""
+    for k in range(rows.shape[0]):
         if has_stepped[k]:
-            pursuit.held[row] = pursuit.held[row] + 1 if distance <= scale.tolerance and not is_unstable[k] else 0
-    return desired, rewards
+            progress.held[rows[k]] = progress.held[rows[k]] + 1 if is_held[k] else 0
 
 
 @kernel

@@ -1,10 +1,10 @@
-"""What is told about a batch after a step: verdicts, costs and features, one row per environment."""
+"""What is reported of a batch after a step: costs, verdicts and features, one row per environment."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Records
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, FOLD, NONE, SOLVER_FAILURE, Tracked
 from pcm_gym.kernels.lockstep import lanes
 from pcm_gym.kernels.lockstep.lanes import LANES, Block, residual
@@ -12,12 +12,31 @@ from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import CONTINUE, TERMINATE, is_instability
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES, stability_features
 
-# Rows of the verdicts on states, one column per environment.
-MORSE_INDEX, STABILITY_MARGIN, SINGULARITY_MARGIN, RESIDUAL, EVENT, FRACTION, LOST = range(7)
-VERDICT_ROWS = 7
-# Rows of the costs of steps.
-UNSTABLE, SINGULAR, LIMIT, SOLVER = range(4)
-COST_ROWS = 4
+
+class Costs(TypedDict):
+    """What a step costs, 0 or 1 each; the names are those of the infos."""
+
+    cost_unstable: float  # stability was lost on the way, or the state is unstable
+    cost_singular: float  # the singularity margin is below that of the rules
+    cost_limit: float  # an increment was cut at an actuator's limit
+    cost_solver: float  # the solver failed
+
+
+class Verdict(Costs):
+    """What a step has cost and led to; all but the last three names are those of the infos."""
+
+    index: int  # Morse index of the state
+    stability_margin: float
+    singularity_margin: float
+    residual: float
+    event: int  # why the step ended, see `continuation`
+    fraction: float  # of the way that was gone
+    is_lost: bool  # whether a loss of stability ends the episode
+    is_stable: bool  # whether the state is stable, and is not left by a loss of stability
+
+
+# A verdict as the kernels write it: an element of an array.
+VERDICT_TYPE = np.dtype(list(Verdict.__annotations__.items()), align=True)
 
 
 class Moves(NamedTuple):
@@ -31,15 +50,20 @@ class StepRules(NamedTuple):
     """What comes of a step. Numbers alone: a record with arrays costs at every call that is not inlined."""
 
     behaviour: int  # where stability is lost, see `instability`
-    singular_margin: float  # states with a smaller singularity margin cost `SINGULAR`
+    singular_margin: float  # states with a smaller singularity margin cost `cost_singular`
 
 
 class Report(NamedTuple):
-    """What is told about the states of a batch after a step."""
+    """What is reported of the states of a batch after a step."""
 
-    verdicts: Array  # (7, n)
-    costs: Array  # (4, n)
+    verdicts: Records  # (n,) of `VERDICT_TYPE`
     features: Array  # (n, m)
+
+
+def empty_report(count: int, feature_count: int) -> Report:
+    """Return a report for so many rows, to be filled."""
+    # zeros, because bytes between fields count too where reports are compared to the last bit
+    return Report(np.zeros(count, VERDICT_TYPE), np.empty((count, feature_count)))
 
 
 @kernel
@@ -86,23 +110,25 @@ def report_row(
     rules: StepRules,
     report: Report,
 ) -> None:
-    """Fill verdict and costs of a row, and the features that tell of its stability."""
-    verdicts, costs, features = report.verdicts, report.costs, report.features
-    is_unstable = tracked.morse_index > 0
-    costs[UNSTABLE, row] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
-    costs[SINGULAR, row] = 1.0 if margin < rules.singular_margin else 0.0
-    costs[LIMIT, row] = 1.0 if is_cut else 0.0
-    costs[SOLVER, row] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
-    verdicts[MORSE_INDEX, row] = tracked.morse_index
-    verdicts[STABILITY_MARGIN, row] = tracked.stability_margin
-    verdicts[SINGULARITY_MARGIN, row] = margin
-    verdicts[RESIDUAL, row] = tracked.residual
-    verdicts[EVENT, row] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
-    verdicts[FRACTION, row] = tracked.fraction
+    """Fill costs and verdict of a row, and the features that tell of its stability."""
+    verdict, is_unstable = report.verdicts[row], tracked.morse_index > 0
     is_lost = _ends(tracked.event, rules.behaviour)
-    verdicts[LOST, row] = 1.0 if is_lost else 0.0
+    is_stable = not (is_unstable | is_lost)
+    verdict["cost_unstable"] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
+    verdict["cost_singular"] = 1.0 if margin < rules.singular_margin else 0.0
+    verdict["cost_limit"] = 1.0 if is_cut else 0.0
+    verdict["cost_solver"] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
+    verdict["index"] = tracked.morse_index
+    verdict["stability_margin"] = tracked.stability_margin
+    verdict["singularity_margin"] = margin
+    verdict["residual"] = tracked.residual
+    verdict["event"] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
+    verdict["fraction"] = tracked.fraction
+    verdict["is_lost"] = is_lost
+    verdict["is_stable"] = is_stable
+    features = report.features
     n = features.shape[1] - STABILITY_FEATURES
-    shown = stability_features(is_unstable | is_lost, tracked.stability_margin, margin)
+    shown = stability_features(is_stable, tracked.stability_margin, margin)
     features[row, n], features[row, n + 1], features[row, n + 2] = shown
 
 

@@ -70,7 +70,7 @@ def _step_refused(
     for k in range(count):
         is_cut[k] = _set_target(legs, states.inputs, moves.actions, rows[k], moves.stride, targets[k])
     has_arrived = _step_in_parts(legs, states, rows, targets, block)
-    _tell(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
+    _report_arrived(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
     step_alone(legs, states, rows[~has_arrived], moves, rules, report)
 
 
@@ -142,14 +142,13 @@ def step_alone(
 def describe_batch(legs: Array, states: States, rows: Integers, report: Report) -> None:
     """Fill `report` in some rows, for states at rest: no costs, no event."""
     is_cut = np.zeros(rows.shape[0], np.bool_)
-    at_rest = StepRules(TERMINATE, 0.0)
-    _tell(legs, states, rows, is_cut, at_rest, report, make_block(legs.shape[0]))
-    for row in rows:
-        report.costs[:, row] = 0.0
+    _report_arrived(legs, states, rows, is_cut, StepRules(TERMINATE, 0.0), report, make_block(legs.shape[0]))
+    for row in rows:  # where no margin is too small, nothing is cut and nothing happens, only instability would cost
+        report.verdicts[row]["cost_unstable"] = 0.0
 
 
 @kernel
-def _tell(
+def _report_arrived(
     legs: Array,
     states: States,
     rows: Integers,

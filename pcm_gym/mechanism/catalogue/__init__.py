@@ -1,4 +1,4 @@
-"""The catalogued mechanisms: one file each, one line here."""
+"""The catalogued mechanisms: one file each, one line here; mechanisms from outside the package may join them."""
 
 from collections.abc import Callable
 
@@ -28,3 +28,18 @@ def get_mechanism(name: str) -> Mechanism:
     if name not in _MAKERS:
         raise ValueError(f"name must be one of {mechanism_names()}, got {name!r}")
     return _MAKERS[name]()
+
+
+def register_mechanism(mechanism: Mechanism) -> str:
+    """Add a mechanism to the catalogue of this process; return its name, under which it is then known.
+
+    Raises
+    ------
+    ValueError
+        If another mechanism has this name.
+    """
+    name = mechanism.name
+    if name in _MAKERS and get_mechanism(name) != mechanism:
+        raise ValueError(f"name must be a new one, got {name!r}: another mechanism has it")
+    _MAKERS.setdefault(name, lambda: mechanism)
+    return name

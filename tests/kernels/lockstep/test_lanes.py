@@ -17,7 +17,7 @@ from pcm_gym.kernels.numerics import threads
 from pcm_gym.kernels.rods.elliptic import sine_and_cosine
 from pcm_gym.kernels.rods.rod import RodPoint, rod, rod_in_lanes
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.report import EVENT, FRACTION, MORSE_INDEX, RESIDUAL, Moves, Report
+from pcm_gym.kernels.stepping.report import Costs, Moves, Report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_alone, step_batch
 from pcm_gym.solving.tracking import EVENTS
 from tests.environments.rollouts import digest
@@ -127,13 +127,13 @@ def test_states_at_rest_are_described_as_rows_that_stand_still_alone(name: str) 
     step_alone(
         legs, states, rows, Moves(still, settings.stride), settings.rules._replace(singular_margin=0.0), expected
     )
-    np.testing.assert_array_equal(found.verdicts[MORSE_INDEX], expected.verdicts[MORSE_INDEX])
-    np.testing.assert_array_equal(found.verdicts[EVENT], expected.verdicts[EVENT])
-    assert found.verdicts[RESIDUAL].max() < 1e-11
+    for name in ("index", "event", "is_stable"):
+        np.testing.assert_array_equal(found.verdicts[name], expected.verdicts[name])
+    assert found.verdicts["residual"].max() < 1e-11
     # near a pole of a rod's stiffness the two formulas multiply rounding errors, the margin once more
     np.testing.assert_allclose(found.features[:, :-1], expected.features[:, :-1], rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(found.features[:, -1], expected.features[:, -1], rtol=0.0, atol=1e-4)
-    assert not found.costs.any()
+    assert not any(found.verdicts[name].any() for name in Costs.__annotations__)
 
 
 @pytest.mark.parametrize("is_loaded", [False, True], ids=["free", "loaded"])
@@ -154,23 +154,22 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
             moves = Moves(actions, factor * settings.stride)
             step_batch(legs, simulation.rows.states, chosen, moves, settings.rules, found)
             step_alone(legs, alone, chosen, moves, settings.rules, expected)
-        for row in (MORSE_INDEX, EVENT):
-            np.testing.assert_array_equal(found.verdicts[row], expected.verdicts[row])
-        np.testing.assert_array_equal(found.verdicts[FRACTION] == 1.0, expected.verdicts[FRACTION] == 1.0)
-        np.testing.assert_array_equal(found.costs, expected.costs)
+        for name in ("index", "event", "is_lost", "is_stable", *Costs.__annotations__):
+            np.testing.assert_array_equal(found.verdicts[name], expected.verdicts[name])
+        np.testing.assert_array_equal(found.verdicts["fraction"] == 1.0, expected.verdicts["fraction"] == 1.0)
         np.testing.assert_array_equal(simulation.rows.states.inputs, alone.inputs)
-        same += ((simulation.rows.states.x == alone.x).all(axis=1) & (found.verdicts[EVENT] == 0)).sum()
+        same += ((simulation.rows.states.x == alone.x).all(axis=1) & (found.verdicts["event"] == 0)).sum()
         scale = 1.0 + np.abs(alone.x).max(axis=1, keepdims=True)
         # both end when the next correction would be below 1e-13; near a pole of a rod's stiffness lanes may keep errors
         # of closure and force of up to 1e-12
         assert (np.abs(simulation.rows.states.x - alone.x) / scale).max() < 1e-11
-        assert found.verdicts[RESIDUAL].max() < 1e-11
-        is_calm = expected.verdicts[RESIDUAL] < 1e-12
+        assert found.verdicts["residual"].max() < 1e-11
+        is_calm = expected.verdicts["residual"] < 1e-12
         features, expected_features = found.features[is_calm], expected.features[is_calm]
         np.testing.assert_allclose(features[:, :-1], expected_features[:, :-1], rtol=0.0, atol=1e-6)
         # the margin is a derivative of the stiffness, which multiplies rounding errors once more near a pole
         np.testing.assert_allclose(features[:, -1], expected_features[:, -1], rtol=0.0, atol=1e-4)
-        events += np.bincount(found.verdicts[EVENT].astype(int), minlength=len(EVENTS))
+        events += np.bincount(found.verdicts["event"], minlength=len(EVENTS))
     assert same < 0.5 * events[0], "most rows must go in lock-step, or nothing is compared"
     assert events[1:].sum() > 0
 

@@ -9,7 +9,6 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.rods.rod import bend, rod, rod_curvature, rod_in_lanes
 from pcm_gym.kernels.statics.margin import STIFF
-from pcm_gym.kernels.stepping.report import EVENT, RESIDUAL, SINGULARITY_MARGIN
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium, solve_forward
 
 NAMES = pcm_gym.mechanism_names()
@@ -113,14 +112,14 @@ def test_margin_in_lanes_is_the_scalar_one(name: str, is_loaded: bool) -> None:
     for n in range(30):
         stepped = simulation.step(held if n % 3 else generator.uniform(-1.0, 1.0, held.shape), generators)
         described = simulation.observe(np.arange(count), generators)
-        observed, found = described.verdicts[SINGULARITY_MARGIN], stepped.verdicts[SINGULARITY_MARGIN]
+        observed, found = described.verdicts["singularity_margin"], stepped.verdicts["singularity_margin"]
         assert np.all((found >= 0.0) & (found < 10.0 + 1e-9))
-        is_calm = stepped.verdicts[RESIDUAL] < 1e-12
+        is_calm = stepped.verdicts["residual"] < 1e-12
         np.testing.assert_allclose(found[is_calm], observed[is_calm], rtol=1e-4, atol=1e-9)
         rows = np.flatnonzero(is_calm)[n % 10 :: 10]  # a tenth of them, others in each step
         expected = np.array([simulation.equilibrium(row).singularity_margin for row in rows])
         np.testing.assert_allclose(found[rows], expected, rtol=1e-4, atol=1e-9)
         compared += np.count_nonzero(expected < 9.0)  # beyond that both are cut
-        stopped += np.count_nonzero(np.isin(stepped.verdicts[EVENT], (1, 2)))
+        stopped += np.count_nonzero(np.isin(stepped.verdicts["event"], (1, 2)))
     assert compared > 100
     assert stopped > 0 or name == "2PFR"

@@ -11,17 +11,15 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import finite_vector, one_of
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import Scene
+from pcm_gym.tasks import Generators, Scene
 from pcm_gym.tasks.scene import reached
-
-Generators = Sequence[np.random.Generator]
 
 RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
 # What `reset` takes as an equilibrium may be rounded, not wrong.
 _RESIDUAL_TOLERANCE = 1e-8
 
 
-class Opening(NamedTuple):
+class EpisodeStarts(NamedTuple):
     """How some episodes of one scene begin, dimensionless as in the kernels."""
 
     members: Integers  # (n,): which of those that were asked for
@@ -31,13 +29,13 @@ class Opening(NamedTuple):
     witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal; not a number if none is known
 
 
-def open_episodes(
+def episode_starts(
     settings: Settings,
     scenes: Sequence[Scene],
     generators: Generators,
     options: Mapping[str, Any] | None,
     threads: int,
-) -> Iterator[Opening]:
+) -> Iterator[EpisodeStarts]:
     """Yield how the episodes of some generators begin, scene by scene.
 
     Parameters
@@ -70,7 +68,7 @@ def open_episodes(
         states, goals, witness = _drawn(settings, scene, own, threads)
         if goal is not None:
             goals[:], witness[:] = goal
-        yield Opening(members, number, states, goals, witness)
+        yield EpisodeStarts(members, number, states, goals, witness)
 
 
 def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: int) -> tuple[States, Array, Array]:
@@ -79,6 +77,8 @@ def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: in
     # the goal of an unstable start is stable none the less
     drawn = settings.task.sample(scene if unstable is None else replace(scene, origin=None), generators, threads)
     states = drawn.states if unstable is None else scene.at_equilibrium(unstable, len(generators))
+    if drawn.witness is None:
+        return states, drawn.goals, np.full((len(generators), states.inputs.shape[1] + states.x.shape[1]), np.nan)
     return states, drawn.goals, np.concatenate([drawn.witness.inputs, drawn.witness.x], axis=1)
 
 

@@ -1,0 +1,143 @@
+"""The keyword arguments of an environment: declared, documented and given their defaults here and nowhere else."""
+
+import os
+from collections.abc import Mapping
+from typing import Any, Literal, TypedDict
+
+from numpy.typing import ArrayLike
+
+from pcm_gym.solving import Atlas
+from pcm_gym.tasks import TASKS, OnInstability, Path, ReachDifficulty, RewardType, SwitchDifficulty, Task
+
+Workspace = Atlas | str | os.PathLike[str] | None
+
+
+class EnvironmentArguments(TypedDict, total=False):
+    """Keyword arguments of an environment; none is required.
+
+    A task from outside the package adds its own ones, which are its fields: ``task=Lift, rise=0.1``. Type checkers,
+    which do not know them, take ``task=Lift(Goals(mechanism), rise=0.1)``.
+
+    Parameters
+    ----------
+    render_mode : "rgb_array", optional
+        What `render` returns: pictures. With "human", `gymnasium.make` shows these pictures in a window.
+    render_ghosts : bool
+        Whether pictures show every other equilibrium at the present inputs, faintly, stable or not. They are solved for
+        when a picture is drawn: about 10 ms for two legs, a second for a platform.
+    render_workspace : Atlas or path, optional
+        Atlas of the same mechanism under the same load, or a file with one; its stable workspace is the background of
+        the pictures.
+    task : "Reach", "Track" or "Switch"
+        Reach a goal pose, follow a goal on a closed path, or reach another stable equilibrium at the same inputs. Or
+        any other task: its name, once registered, its class, or itself.
+    reward_type : "dense" or "sparse"
+        How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
+    difficulty : str, optional
+        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
+    path : "circle", "eight", "spline" or "any", optional
+        For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
+    success_distance : float
+        Distance to the goal, in m, that counts as being there.
+    hold_steps : int
+        States in a row at the goal that make a success.
+    on_instability : "terminate", "snap", "hold" or "continue"
+        What comes of a step that loses stability; see "Loss of stability".
+    max_action : float or array_like (legs,), optional
+        Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
+    singular_margin : float, optional
+        Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
+        rod lengths; by default half of the agent's smallest step.
+    load : array_like (d,) or (2, d), optional
+        Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
+        at each reset.
+    observe_load : bool
+        Whether a load that is drawn is observed.
+    randomisation : mapping of str to float, optional
+        How much the mechanism differs from episode to episode: largest relative deviations of "stiffness" and "length"
+        of each rod, largest deviations in m of each "base" and each "attachment".
+    variants : int
+        Where loads or mechanisms are drawn: out of so many, which are the same for all environments, up to 128. Each
+        takes some tenths of a second when an environment is first made.
+    actuator_lag : float
+        Time constant with which the actuators follow, in steps.
+    rate_limit : float or array_like (legs,), optional
+        Largest move of each actuator in a step, rad or m.
+    backlash : float or array_like (legs,)
+        Play between each actuator and its clamp, rad or m.
+    observation_noise : float
+        Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
+        stability are exact.
+    """
+
+    render_mode: Literal["rgb_array"] | None
+    render_ghosts: bool
+    render_workspace: Workspace
+    task: str | type[Task] | Task
+    reward_type: RewardType
+    difficulty: ReachDifficulty | SwitchDifficulty | None
+    path: Path | None
+    success_distance: float
+    hold_steps: int
+    on_instability: OnInstability
+    max_action: ArrayLike | None
+    singular_margin: float | None
+    load: ArrayLike | None
+    observe_load: bool
+    randomisation: Mapping[str, float] | None
+    variants: int
+    actuator_lag: float
+    rate_limit: ArrayLike | None
+    backlash: ArrayLike
+    observation_noise: float
+
+
+DEFAULTS: EnvironmentArguments = {
+    "render_mode": None,
+    "render_ghosts": False,
+    "render_workspace": None,
+    "task": "Reach",
+    "reward_type": "dense",
+    "difficulty": None,
+    "path": None,
+    "success_distance": 0.02,
+    "hold_steps": 3,
+    "on_instability": "terminate",
+    "max_action": None,
+    "singular_margin": None,
+    "load": None,
+    "observe_load": True,
+    "randomisation": None,
+    "variants": 16,
+    "actuator_lag": 0.0,
+    "rate_limit": None,
+    "backlash": 0.0,
+    "observation_noise": 0.0,
+}
+
+
+# Arguments that a task of the package has of its own, and those that every environment has.
+_OF_TASKS = {name for task in TASKS.values() for name in task.argument_names()}
+_COMMON = tuple(name for name in DEFAULTS if name not in _OF_TASKS)
+
+
+def task_arguments(task: type[Task], arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of an environment's arguments that are its task's own; None stands for the task's default.
+
+    Raises
+    ------
+    TypeError
+        If an argument is neither the environment's nor the task's, or would be both.
+    ValueError
+        If it is that of another task.
+    """
+    name, own = task.__name__, task.argument_names()
+    allowed = ["mechanism", *_COMMON, *own]
+    for key in arguments.keys() - {*allowed, *_OF_TASKS}:
+        raise TypeError(f"{key!r} is no argument of an environment with task {name!r}, which takes {allowed}")
+    for key in {*own} & {*_COMMON}:
+        raise TypeError(f"{key!r} must not be an argument of task {name!r}: every environment has one of that name")
+    found = {key: value for key, value in arguments.items() if key not in _COMMON and value is not None}
+    for key in found.keys() - {*own}:
+        raise ValueError(f"{key} must be None for task {name!r}, got {found[key]!r}")
+    return found

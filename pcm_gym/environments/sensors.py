@@ -1,0 +1,87 @@
+"""What is observed of the rows of a simulation: their features as sensors see them, and what else is told."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.environments.rows import Rows
+from pcm_gym.environments.settings import Settings
+from pcm_gym.tasks import Generators, Layout, Part, box_of, command_elements, feature_layout, load_elements
+
+
+class _Told(NamedTuple):
+    """A part of the observation that is told beside the features, and how its values follow from some rows."""
+
+    part: Part
+    values: Callable[[Rows, Integers], Array]  # (m, elements)
+
+
+class Sensors:
+    """What is observed with some settings.
+
+    Attributes
+    ----------
+    layout : Layout
+        Where `observe` puts what.
+    features : Layout
+        Where the kernels put the features of a state.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.features = feature_layout(settings.mechanism)
+        seen = self.features.without("is_stable") if settings.always_stable else self.features
+        self._told = tuple(_told(settings))
+        self.layout = Layout((*seen.parts, *(told.part for told in self._told)))
+        self._sees_all = seen == self.features
+        every = np.arange(len(self.features.elements))
+        self._columns = np.concatenate([every[self.features[part.name]] for part in seen.parts])
+        self._noise, self._is_measured = settings.observation_noise, self.features.is_measured
+        self._box = box_of(self.features.elements)
+
+    def observe(self, state: Rows, rows: Integers, features: Array, generators: Generators) -> Array:
+        """Return what is observed of some rows (m,) of the state, with their features (m, f).
+
+        The generators, one for each row of the state, are the source of noise.
+        """
+        if self._noise > 0.0:
+            features = self._with_noise(features, [generators[row] for row in rows.tolist()])
+        seen = features if self._sees_all else features.take(self._columns, axis=1)
+        if not self._told:
+            return seen
+        return np.concatenate([seen, *(told.values(state, rows) for told in self._told)], axis=1)
+
+    def _with_noise(self, features: Array, generators: Generators) -> Array:
+        """Return the features (m, f) with noise on all that is measured."""
+        count = np.count_nonzero(self._is_measured)
+        noisy = features.copy()
+        noisy[:, self._is_measured] += self._noise * np.array([own.standard_normal(count) for own in generators])
+        return np.clip(noisy, self._box.low, self._box.high)
+
+
+def _told(settings: Settings) -> Iterator[_Told]:
+    mechanism, units = settings.mechanism, settings.mechanism.units
+    for steps in settings.task.look_ahead:
+        yield _Told(Part(f"goal_in_{steps}", settings.task.goals.elements_in(steps)), partial(_goals_in, steps))
+    if settings.load_varies and settings.observe_load:
+        loads = settings.load_range / units.load
+        yield _Told(Part("load", load_elements(mechanism)), lambda state, rows: _within(state.load[rows], loads))
+    if not settings.actuators.are_ideal:
+        limits = np.stack([mechanism.lower_limits, mechanism.upper_limits]) / units.inputs
+        part = Part("commands", command_elements(mechanism))
+        yield _Told(part, lambda state, rows: _within(state.commands[rows], limits))
+
+
+def _goals_in(steps: int, state: Rows, rows: Integers) -> Array:
+    goals: Array = state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]]
+    return goals
+
+
+def _within(values: Array, bounds: Array) -> Array:
+    """Return where values (n, k) are between bounds (2, k): -1 and 1 at the bounds, 0 between equal ones."""
+    lower, upper = bounds
+    half: Array = 0.5 * (upper - lower)
+    within: Array = (values - 0.5 * (upper + lower)) / np.where(half > 0.0, half, 1.0)
+    return within
