@@ -18,12 +18,11 @@ from gymnasium.vector import AutoresetMode
 
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.environments.motion import Motion
 from pcm_gym.environments.simulation import Simulation
-from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
-from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE, StepRules
-from pcm_gym.kernels.stepping.transition import step_batch
+from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import Equilibrium, Event, solve_forward
 from pcm_gym.tasks import default_max_action
@@ -184,17 +183,15 @@ class _Drivers:
         For the rows whose driver wants to know; the others' corners are returned as they are.
         """
         simulation, rows = self._simulation, np.flatnonzero(self._driver == DRIVERS.index("folds"))
-        legs, result = simulation.settings.mechanism.leg_table, self._corner.copy()
+        result = self._corner.copy()
         for leg in range(result.shape[1]):
             margins = []
-            rules = StepRules(simulation.settings.stride, TERMINATE, 1.0)
             for sign in (1.0, -1.0):
-                states, report = States(*(array.copy() for array in simulation.rows.states)), simulation._empty_report()
-                ahead = np.zeros(self._shape)
+                ahead = np.zeros((len(rows), result.shape[1]))
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                step_batch(legs, states, rows, ahead, rules, report)
-                is_lost = report.costs[UNSTABLE, rows] > 0.0
-                margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN, rows]))
+                report = simulation.foresee(Motion.of(simulation.rows).copied(rows), ahead)
+                is_lost = report.costs[UNSTABLE] > 0.0
+                margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN]))
             slope = margins[0] - margins[1]
             result[rows, leg] = np.where(slope == 0.0, result[rows, leg], -np.sign(slope))
         return result

@@ -3,7 +3,7 @@
 Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Reach-v0")``.
 """
 
-from pcm_gym.environments import CostStep, SolverShield, environment_ids, register_environments
+from pcm_gym.environments import CostStep, Preview, SolverShield, environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import (
     Atlas,
@@ -56,6 +56,7 @@ __all__ = [
     "Leg",
     "Mechanism",
     "NearestFold",
+    "Preview",
     "Prismatic",
     "RasterStates",
     "Region",
