@@ -20,6 +20,7 @@ from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.motion import Motion
 from pcm_gym.environments.simulation import Simulation
+from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
 from pcm_gym.kernels.stepping.report import SINGULARITY_MARGIN, UNSTABLE
@@ -183,13 +184,13 @@ class _Drivers:
         For the rows whose driver wants to know; the others' corners are returned as they are.
         """
         simulation, rows = self._simulation, np.flatnonzero(self._driver == DRIVERS.index("folds"))
-        result = self._corner.copy()
+        result, rules = self._corner.copy(), simulation.settings.rules._replace(behaviour=TERMINATE)
         for leg in range(result.shape[1]):
             margins = []
             for sign in (1.0, -1.0):
                 ahead = np.zeros((len(rows), result.shape[1]))
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                report = simulation.foresee(Motion.of(simulation.rows).copied(rows), ahead)
+                report = simulation.foresee(Motion.of(simulation.rows).copied(rows), ahead, rules)
                 is_lost = report.costs[UNSTABLE] > 0.0
                 margins.append(np.where(is_lost, 0.0, report.verdicts[SINGULARITY_MARGIN]))
             slope = margins[0] - margins[1]

@@ -14,7 +14,17 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES
 from pcm_gym.kernels.stepping.goals import pursue
-from pcm_gym.kernels.stepping.report import COST_ROWS, EVENT, FRACTION, LIMIT, LOST, SOLVER, VERDICT_ROWS, Report
+from pcm_gym.kernels.stepping.report import (
+    COST_ROWS,
+    EVENT,
+    FRACTION,
+    LIMIT,
+    LOST,
+    SOLVER,
+    VERDICT_ROWS,
+    Report,
+    StepRules,
+)
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
@@ -96,7 +106,7 @@ class Simulation:
         The generators, one for each row, are the source of noise where the sensors have any.
         """
         report = self._empty_report()
-        self._move(Motion.of(self.rows), self._all, actions, report)
+        self._move(Motion.of(self.rows), self._all, actions, self._rules, report)
         return self._outcome(self._all, report, self._every, generators)
 
     def step_and_reset(self, actions: Array, begun: Mask, generators: Generators) -> Outcome:
@@ -106,19 +116,19 @@ class Simulation:
         """
         report, rows, stepped = self._empty_report(), np.flatnonzero(begun), np.flatnonzero(~begun)
         begin = partial(self.reset_rows, rows, [generators[row] for row in rows.tolist()], None)
-        self._move(Motion.of(self.rows), stepped, actions, report, [begin])
+        self._move(Motion.of(self.rows), stepped, actions, self._rules, report, [begin])
         self._describe(rows, report)
         outcome = self._outcome(self._all, report, ~begun, generators)
         outcome.reward[rows] = 0.0
         return outcome
 
-    def foresee(self, motion: Motion, actions: Array) -> Report:
+    def foresee(self, motion: Motion, actions: Array, rules: StepRules | None = None) -> Report:
         """Move copies of rows, any number of them, by their actions (m, legs) as a step would; the rows stay.
 
-        What is copied, see `Motion.copied`, is moved in place.
+        What is copied, see `Motion.copied`, is moved in place. Other rules than those of the steps may be asked about.
         """
         report = self._empty_report(len(actions))
-        self._move(motion, np.arange(len(actions)), actions, report)
+        self._move(motion, np.arange(len(actions)), actions, rules or self._rules, report)
         return report
 
     def observe(self, rows: Integers, generators: Generators = ()) -> Outcome:
@@ -133,6 +143,7 @@ class Simulation:
         motion: Motion,
         rows: Integers,
         actions: Array,
+        rules: StepRules,
         report: Report,
         beside: Sequence[Callable[[], None]] = (),
     ) -> None:
@@ -142,18 +153,20 @@ class Simulation:
             threads = 1
         response = None if actuators.are_ideal else actuators.respond(actions, motion, self._stride, self.limits)
         moves = actions if response is None else response.moves
-        run_all([*beside, *self._step_jobs(motion, rows, moves, report)], threads)
+        run_all([*beside, *self._step_jobs(motion, rows, moves, rules, report)], threads)
         if response is not None:
             _settle(motion, rows, response, report)
 
-    def _step_jobs(self, motion: Motion, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
+    def _step_jobs(
+        self, motion: Motion, rows: Integers, moves: Array, rules: StepRules, report: Report
+    ) -> list[Callable[[], None]]:
         states, jobs = motion.states, []
         for scene, members in self._by_scene(motion.scene, rows):
 
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], moves, self._rules, report)
+                step_batch(legs, states, chosen[first:last], moves, rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs

@@ -9,7 +9,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import pcm_gym
-from pcm_gym.kernels.stepping.transition import step_batch
+from pcm_gym.environments.motion import Motion
+from pcm_gym.kernels.stepping.report import EVENT, SINGULARITY_MARGIN
+from pcm_gym.kernels.stepping.transition import GIVE_UP, step_batch
 from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
 
 NAMES = pcm_gym.mechanism_names()
@@ -162,6 +164,31 @@ def test_answers_depend_neither_on_threads_nor_on_what_else_is_asked(actuators: 
     for k in (0, 6):
         for key, values in vars(alone.preview(actions[:, k : k + 1])).items():
             assert values[:, 0].tobytes() == together[key][:, k].tobytes(), key
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_those_who_give_up_are_not_moved_and_arrivals_are_the_same(name: str) -> None:
+    """What lock-step does not follow is reported as not solved for; nothing else differs by a bit."""
+    environment_id = f"PCM/{name}-Reach-v0"
+    env = make_native(environment_id, 200, **folding_arguments(environment_id))
+    env.reset(seed=0)
+    simulation, generator = env._simulation, np.random.default_rng(0)
+    actions, given_up = generator.choice([-1.0, 1.0], env.action_space.shape), 0
+    for _ in range(25):
+        start = Motion.of(simulation.rows)
+        quick, exact = (start.copied(np.arange(200)) for _ in range(2))
+        found = simulation.foresee(quick, actions, simulation.settings.rules._replace(behaviour=GIVE_UP))
+        expected = simulation.foresee(exact, actions)
+        gave_up = found.verdicts[EVENT] == EVENTS.index(pcm_gym.Event.SOLVER_FAILURE)
+        given_up += gave_up.sum()
+        for moved, old, own in zip(quick.states, start.states, exact.states, strict=True):
+            assert moved[gave_up].tobytes() == old[gave_up].tobytes()
+            assert moved[~gave_up].tobytes() == own[~gave_up].tobytes()
+        assert found.verdicts[:, ~gave_up].tobytes() == expected.verdicts[:, ~gave_up].tobytes()
+        assert found.features[~gave_up].tobytes() == expected.features[~gave_up].tobytes()
+        assert (found.verdicts[SINGULARITY_MARGIN, gave_up] == 0.0).all()
+        env.step(actions)
+    assert 10 < given_up < 2500
 
 
 def test_shapes_are_those_of_the_actions() -> None:
