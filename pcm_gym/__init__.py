@@ -3,7 +3,7 @@
 Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Reach-v0")``.
 """
 
-from pcm_gym.environments import CostStep, Preview, SolverShield, environment_ids, register_environments
+from pcm_gym.environments import Preview, environment_ids, register_environments
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod, get_mechanism, mechanism_names
 from pcm_gym.solving import (
     Atlas,
@@ -40,6 +40,7 @@ from pcm_gym.solving import (
     solve_inverse,
 )
 from pcm_gym.tasks import Element, observation_elements
+from pcm_gym.wrappers import CostStep, SolverShield, VectorSolverShield
 
 __all__ = [
     "Atlas",
@@ -71,6 +72,7 @@ __all__ = [
     "StableStates",
     "TrackedStep",
     "UndecidedRegion",
+    "VectorSolverShield",
     "build_atlas",
     "build_roadmap",
     "environment_ids",

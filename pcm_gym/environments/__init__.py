@@ -2,6 +2,6 @@
 
 from pcm_gym.environments.preview import Preview
 from pcm_gym.environments.registration import environment_ids, register_environments
-from pcm_gym.environments.wrappers import CostStep, SolverShield
+from pcm_gym.environments.wrappers import CostStep, SolverShield, VectorSolverShield
 
-__all__ = ["CostStep", "Preview", "SolverShield", "environment_ids", "register_environments"]
+__all__ = ["CostStep", "Preview", "SolverShield", "VectorSolverShield", "environment_ids", "register_environments"]
