@@ -22,6 +22,7 @@ from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
 from benchmarks.peers import catalogue, table
 from benchmarks.problems import MECHANISMS, make_problems
+from benchmarks.shield import DIFFICULTIES, KINDS, defend
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
@@ -208,6 +209,40 @@ def against(
     if json_path is not None:
         json_path.write_text(json.dumps({"machine": machine, "ratios": ratios}, indent=2) + "\n")
         console.print(f"Figures written to {json_path}")
+
+
+@app.command()
+def shield(
+    steps: Annotated[int, typer.Option(min=1, help="Steps of each mechanism with each behaviour.")] = 20_000,
+    mechanisms: Annotated[list[str] | None, typer.Option("--mechanism", help="Only these; all by default.")] = None,
+    behaviours: Annotated[
+        list[str] | None, typer.Option("--on-instability", help="Only these; all by default.")
+    ] = None,
+    difficulties: Annotated[
+        list[str] | None, typer.Option("--with", help=f"Of {list(DIFFICULTIES)}; all of it at once by default.")
+    ] = None,
+    kinds: Annotated[list[str] | None, typer.Option("--kind", help=f"Of {list(KINDS)}; both by default.")] = None,
+    json_path: JsonPath = None,
+) -> None:
+    """Drive shielded environments towards folds and count what is lost, beside the same without a shield.
+
+    The exit status is 1 if a shield loses stability, or does not keep its margin.
+    """
+    console, machine = _start()
+    names = mechanisms or pcm_gym.mechanism_names()
+    chosen = list(itertools.product(names, difficulties or ["all"], behaviours or BEHAVIOURS, kinds or KINDS))
+    found = []
+    with Progress(console=console, transient=True) as progress:
+        for case in chosen:
+            task = progress.add_task(", ".join(case), total=2 * steps)
+            found.append(tuple(defend(*case, steps, partial(progress.advance, task))))
+    report.print_defences(console, found)
+    if json_path is not None:
+        figures = [[asdict(defence) for defence in pair] for pair in found]
+        json_path.write_text(json.dumps({"machine": machine, "shield": figures}, indent=2) + "\n")
+        console.print(f"Figures written to {json_path}")
+    if any(shielded.losses or shielded.failures or shielded.below for shielded, _ in found):
+        raise typer.Exit(1)
 
 
 def _start() -> tuple[Console, dict[str, str]]:

@@ -18,11 +18,10 @@ from gymnasium.vector import AutoresetMode
 
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.environments.motion import Motion
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.report import Moves, StepRules
-from pcm_gym.kernels.stepping.transition import step_batch
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import Equilibrium, Event, solve_forward
 from pcm_gym.tasks import default_max_action
@@ -183,16 +182,14 @@ class _Drivers:
         For the rows whose driver wants to know; the others' corners are returned as they are.
         """
         simulation, rows = self._simulation, np.flatnonzero(self._driver == DRIVERS.index("folds"))
-        legs, result = simulation.settings.mechanism.leg_table, self._corner.copy()
+        result, rules = self._corner.copy(), simulation.settings.rules._replace(behaviour=TERMINATE)
         for leg in range(result.shape[1]):
             margins = []
-            rules = StepRules(TERMINATE, 1.0)
             for sign in (1.0, -1.0):
-                states, report = States(*(array.copy() for array in simulation.rows.states)), simulation._empty_report()
-                ahead = np.zeros(self._shape)
+                ahead = np.zeros((len(rows), result.shape[1]))
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                step_batch(legs, states, rows, Moves(ahead, simulation.settings.stride), rules, report)
-                found = report.verdicts[rows]
+                report = simulation.foresee(Motion.of(simulation.rows).copied(rows), ahead, rules)
+                found = report.verdicts
                 margins.append(np.where(found["cost_unstable"] > 0.0, 0.0, found["singularity_margin"]))
             slope = margins[0] - margins[1]
             result[rows, leg] = np.where(slope == 0.0, result[rows, leg], -np.sign(slope))

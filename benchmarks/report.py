@@ -12,6 +12,7 @@ from rich.table import Table
 from benchmarks.endurance import Tally
 from benchmarks.kinematics import LONG
 from benchmarks.multistart import METHODS
+from benchmarks.shield import Defence
 from benchmarks.timing import Summary
 from pcm_gym.solving import Event
 
@@ -123,6 +124,25 @@ def print_endurance(console: Console, tallies: Sequence[Tally]) -> None:
         )
         for reason, count in tally.contradictions.items():
             console.print(f"{tally.environment_id}, {tally.on_instability}: not {reason!r} in {count} steps")
+    console.print(table)
+
+
+def print_defences(console: Console, found: Sequence[Sequence[Defence]]) -> None:
+    table = _table("Adversarial steps with a shield, and without")
+    headings = ("steps", "replaced", "losses", "failures", "below the margin", "least margin", "losses without")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for shielded, without in found:
+        table.add_row(
+            shielded.name,
+            _count(shielded.steps),
+            _count(shielded.replaced),
+            str(shielded.losses),
+            str(shielded.failures),
+            str(shielded.below),
+            f"{shielded.least_margin:.7f}",
+            _count(without.losses),
+        )
     console.print(table)
 
 

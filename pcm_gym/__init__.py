@@ -4,12 +4,11 @@ Importing the package registers its environments: ``gymnasium.make("PCM/2RFR-Rea
 """
 
 from pcm_gym.environments import (
-    CostStep,
     EnvironmentArguments,
     Info,
     MechanismEnv,
     MechanismVectorEnv,
-    SolverShield,
+    Preview,
     environment_ids,
     register_environment,
     register_environments,
@@ -67,6 +66,7 @@ from pcm_gym.tasks import (
     observation_elements,
     register_task,
 )
+from pcm_gym.wrappers import CostStep, SolverShield, VectorSolverShield
 
 __version__ = "0.1.0"
 
@@ -91,6 +91,7 @@ __all__ = [
     "MechanismEnv",
     "MechanismVectorEnv",
     "NearestFold",
+    "Preview",
     "Prismatic",
     "RasterStates",
     "Region",
@@ -107,6 +108,7 @@ __all__ = [
     "Task",
     "TrackedStep",
     "UndecidedRegion",
+    "VectorSolverShield",
     "__version__",
     "build_atlas",
     "build_roadmap",

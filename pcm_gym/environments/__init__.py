@@ -2,10 +2,11 @@
 
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.environments.preview import Preview
 from pcm_gym.environments.registration import environment_ids, register_environment, register_environments
 from pcm_gym.environments.rows import Info
 from pcm_gym.environments.single import MechanismEnv
-from pcm_gym.environments.wrappers import CostStep, SolverShield
+from pcm_gym.environments.wrappers import CostStep, SolverShield, VectorSolverShield
 
 __all__ = [
     "CostStep",
@@ -13,7 +14,9 @@ __all__ = [
     "Info",
     "MechanismEnv",
     "MechanismVectorEnv",
+    "Preview",
     "SolverShield",
+    "VectorSolverShield",
     "environment_ids",
     "register_environment",
     "register_environments",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
+from pcm_gym.environments.preview import Preview, checked_choices, preview
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -144,6 +145,17 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             self._begin_at_once(outcome.observation, infos, self._ended.copy())
         return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
 
+    def preview(self, actions: ArrayLike) -> Preview:
+        """Return what `step` would do with each of several actions (n, k, legs), from here, without doing it.
+
+        Nothing is moved and no random number is drawn; `step` of an action does what was told of it, to the last bit.
+        Of an environment that waits for its reset it is told what an action would do in its last state.
+        """
+        if not self._is_reset:
+            raise gymnasium.error.ResetNeeded("preview() was called before the first reset()")
+        legs = self._simulation.settings.mechanism.leg_count
+        return preview(self._simulation, checked_choices(actions, (self.num_envs, "k", legs)))
+
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
         return self._simulation.settings.task.compute_reward(achieved_goal, desired_goal)
@@ -248,7 +260,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         return mask
 
     def _checked_actions(self, actions: ArrayLike) -> NDArray[np.float64]:
-        values = np.asarray(actions, dtype=np.float64)
+        values = np.array(actions, dtype=np.float64, order="C")  # one layout, so that kernels are compiled once
         if values.shape != self.action_space.shape:
             raise ValueError(f"actions must have shape {self.action_space.shape}, got {values.shape}")
         if not np.isfinite(values).all():

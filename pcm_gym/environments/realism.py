@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
+from pcm_gym.environments.motion import Motion, Response
 from pcm_gym.mechanism import Mechanism, Rod
 from pcm_gym.mechanism.validation import finite_number, finite_vector, one_of
 
@@ -125,6 +126,20 @@ class Actuators:
     def are_ideal(self) -> bool:
         """Whether the clamps go at once where they are told to."""
         return self.lag == 0.0 and not self.backlash.any() and bool(np.isinf(self.rate_limit).all())
+
+    def told(self, motion: Motion) -> tuple[Array, Array]:
+        """Return what the actuators have been told and where their drives are, (n, legs) each."""
+        return (motion.inputs, motion.inputs) if self.are_ideal else (motion.commands, motion.drives)
+
+    def respond(self, actions: Array, motion: Motion, stride: Array, limits: tuple[Array, Array]) -> Response:
+        """Return where actions (n, legs), cut to [-1, 1], times the stride take the actuators; nothing is moved.
+
+        Commands are cut at the least and the greatest inputs, the limits, (legs,) each.
+        """
+        wishes = motion.commands + np.clip(actions, -1.0, 1.0) * stride
+        commands = np.clip(wishes, *limits)
+        drives, clamps = self.follow(commands, motion.drives, motion.inputs)
+        return Response((clamps - motion.inputs) / stride, commands, drives, (commands != wishes).any(axis=1))
 
     def follow(self, commands: Array, drives: Array, clamps: Array) -> tuple[Array, Array]:
         """Return drives and clamps (n, legs) one step after they were told to go to the commands."""

@@ -1,6 +1,6 @@
 """The one transition under every environment: a batch of mechanisms, their goals, rewards and costs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -9,11 +9,12 @@ from gymnasium import spaces
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.environments.episodes import episode_starts
+from pcm_gym.environments.motion import Motion, Response
 from pcm_gym.environments.rows import Outcome, Rows
 from pcm_gym.environments.sensors import Sensors
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
-from pcm_gym.kernels.stepping.report import Moves, Report, empty_report
+from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium, Event
 from pcm_gym.solving.tracking import EVENTS
@@ -46,6 +47,7 @@ class Simulation:
         self._threads = threads
         self._units = settings.mechanism.units
         self._stride, self._rules = settings.stride, settings.rules
+        self.limits = settings.mechanism.kernel_limits
         self.sensors = Sensors(settings)
         self._feature_count = len(self.sensors.features.elements)
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
@@ -101,9 +103,7 @@ class Simulation:
         The generators, one for each row, are the source of noise where the sensors have any.
         """
         report = self._empty_report()
-        moves, finish = self._moves(self._all, actions)
-        run_all(self._step_jobs(self._all, moves, report), self._threads)
-        finish(report)
+        self._move(Motion.of(self.rows), self._all, actions, self._rules, report)
         return self._outcome(self._all, report, self._every, generators)
 
     def step_and_reset(self, actions: Array, begun: Mask, generators: Generators) -> Outcome:
@@ -113,14 +113,20 @@ class Simulation:
         """
         report, rows, stepped = self._empty_report(), np.flatnonzero(begun), np.flatnonzero(~begun)
         begin = partial(self.reset_rows, rows, [generators[row] for row in rows.tolist()], None)
-        moves, finish = self._moves(stepped, actions)
-        jobs = self._step_jobs(stepped, moves, report)
-        run_all([begin, *jobs], self._threads if self.count >= LEAST_ROWS else 1)
-        finish(report)
+        self._move(Motion.of(self.rows), stepped, actions, self._rules, report, [begin])
         self._describe(rows, report)
         outcome = self._outcome(self._all, report, ~begun, generators)
         outcome.reward[rows] = 0.0
         return outcome
+
+    def foresee(self, motion: Motion, actions: Array, rules: StepRules | None = None) -> Report:
+        """Move copies of rows, any number of them, by their actions (m, legs) as a step would; the rows stay.
+
+        What is copied, see `Motion.copied`, is moved in place. Other rules than those of the steps may be asked about.
+        """
+        report = self._empty_report(len(actions))
+        self._move(motion, np.arange(len(actions)), actions, rules or self._rules, report)
+        return report
 
     def observe(self, rows: Integers, generators: Generators = ()) -> Outcome:
         """Return what some rows come to when they stand still, as after a reset: no cost, no event."""
@@ -129,55 +135,52 @@ class Simulation:
         chosen = Report(report.verdicts[rows], report.features[rows])
         return self._outcome(rows, chosen, np.zeros(len(rows), dtype=np.bool_), generators)
 
-    def _step_jobs(self, rows: Integers, moves: Array, report: Report) -> list[Callable[[], None]]:
-        states, aims, jobs = self.rows.states, Moves(moves, self._stride), []
-        for scene, members in self._by_scene(rows):
+    def _move(
+        self,
+        motion: Motion,
+        rows: Integers,
+        actions: Array,
+        rules: StepRules,
+        report: Report,
+        beside: Sequence[Callable[[], None]] = (),
+    ) -> None:
+        """Move some rows by their actions (n, legs), in place, and fill the report; other jobs may be done beside."""
+        actuators, threads = self.settings.actuators, self._threads
+        if beside and self.count < LEAST_ROWS:
+            threads = 1
+        response = None if actuators.are_ideal else actuators.respond(actions, motion, self._stride, self.limits)
+        moves = actions if response is None else response.moves
+        run_all([*beside, *self._step_jobs(motion, rows, moves, rules, report)], threads)
+        if response is not None:
+            _settle(motion, rows, response, report)
+
+    def _step_jobs(
+        self, motion: Motion, rows: Integers, moves: Array, rules: StepRules, report: Report
+    ) -> list[Callable[[], None]]:
+        states, aims, jobs = motion.states, Moves(moves, self._stride), []
+        for scene, members in self._by_scene(motion.scene, rows):
 
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], aims, self._rules, report)
+                step_batch(legs, states, chosen[first:last], aims, rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
 
-    def _by_scene(self, rows: Integers) -> list[tuple[Scene, Integers]]:
-        """Return the scenes of some rows, each with its own."""
+    def _by_scene(self, numbers: Integers, rows: Integers) -> list[tuple[Scene, Integers]]:
+        """Return the scenes of some rows, each with its own; the numbers (n,) of the scenes are those of all rows."""
         if len(self.scenes) == 1:
             return [(self.scenes[0], rows)]
-        numbers = self.rows.scene[rows]
-        return [(self.scenes[number], rows[numbers == number]) for number in np.unique(numbers)]
+        own = numbers[rows]
+        return [(self.scenes[number], rows[own == number]) for number in np.unique(own)]
 
-    def _moves(self, rows: Integers, actions: Array) -> tuple[Array, Callable[[Report], None]]:
-        """Return the actions that the clamps follow, and what is to be done once they have followed them."""
-        actuators = self.settings.actuators
-        if actuators.are_ideal:
-            return actions, lambda report: None
-        state, (lower, upper) = self.rows, self.settings.mechanism.kernel_limits
-        wishes = state.commands[rows] + np.clip(actions[rows], -1.0, 1.0) * self._stride
-        commands = np.clip(wishes, lower, upper)
-        drives, clamps = actuators.follow(commands, state.drives[rows], state.inputs[rows])
-        moves = np.zeros_like(actions)
-        moves[rows] = (clamps - state.inputs[rows]) / self._stride
-        is_cut = (commands != wishes).any(axis=1)
-
-        def finish(report: Report) -> None:
-            # the limits are those of the commands; who was stopped on the way forgets what it was told
-            events = report.verdicts["event"][rows]
-            is_usual = (events == _NO_EVENT) | (events == _ACTUATOR_LIMIT)
-            report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
-            report.verdicts["cost_limit"][rows] = is_cut
-            arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
-            state.commands[rows] = np.where(arrived, commands, state.inputs[rows])
-            state.drives[rows] = np.where(arrived, drives, state.inputs[rows])
-
-        return moves, finish
-
-    def _empty_report(self) -> Report:
-        return empty_report(self.count, self._feature_count)
+    def _empty_report(self, count: int | None = None) -> Report:
+        """Return a report to be filled, on as many rows as the batch has, or on another number of them."""
+        return empty_report(self.count if count is None else count, self._feature_count)
 
     def _describe(self, rows: Integers, report: Report) -> None:
-        for scene, members in self._by_scene(rows):
+        for scene, members in self._by_scene(self.rows.scene, rows):
             describe_batch(scene.mechanism.leg_table, self.rows.states, members, report)
         lost = rows[self.rows.lost[rows]]
         report.verdicts["is_stable"][lost] = False
@@ -212,3 +215,17 @@ class Simulation:
             state.commands[begun], state.drives[begun] = start.inputs, start.inputs
             _, at_goal = task.score(task.goals.of_states(start.x, start.inputs), starts.goals[:, 0])
             state.held[begun] = at_goal
+
+
+def _settle(motion: Motion, rows: Integers, response: Response, report: Report) -> None:
+    """Let the actuators of some rows be where they have got to, and tell of the limits of their commands.
+
+    The mechanism's own limits are met by none of them; who was stopped on the way forgets what it was told.
+    """
+    events, is_cut = report.verdicts["event"][rows], response.is_cut[rows]
+    is_usual = (events == _NO_EVENT) | (events == _ACTUATOR_LIMIT)
+    report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
+    report.verdicts["cost_limit"][rows] = is_cut
+    arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
+    motion.commands[rows] = np.where(arrived, response.commands[rows], motion.inputs[rows])
+    motion.drives[rows] = np.where(arrived, response.drives[rows], motion.inputs[rows])

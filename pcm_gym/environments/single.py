@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
+from pcm_gym.environments.preview import Preview, checked_choices, preview
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -196,6 +197,13 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             outcome.row_info(0),
         )
 
+    def preview(self, actions: ArrayLike) -> Preview:
+        """Return what `step` would do with each of several actions (k, legs), from here, without doing it.
+
+        Nothing is moved and no random number is drawn; `step` of an action does what was told of it, to the last bit.
+        """
+        return preview(self._simulation, checked_choices(actions, ("k", self.mechanism.leg_count)))
+
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
         return self.task.compute_reward(achieved_goal, desired_goal)
@@ -225,7 +233,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.np_random.bit_generator.state = copy.deepcopy(state["generator"])
 
     def _checked(self, action: ArrayLike) -> Array:
-        values = np.asarray(action, dtype=np.float64)
+        values = np.array(action, dtype=np.float64)  # one layout, so that kernels are compiled once
         if values.shape != self._action_shape:
             raise ValueError(f"action must have shape {self._action_shape}, got {values.shape}")
         if not all(map(math.isfinite, values)):

@@ -1,0 +1,99 @@
+"""Asking without moving: what steps would do, worked out on copies of the rows and in lock-step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.environments.motion import Motion
+from pcm_gym.environments.simulation import Simulation
+from pcm_gym.kernels.stepping.report import Costs
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What steps would come to, with each of several actions.
+
+    The leading axes, written ``...``, are those of the actions: (k,) for one environment, (n, k) for a batch. What has
+    the name of an info means the same; noise is on observations alone and makes no difference here.
+
+    Attributes
+    ----------
+    pose : array (..., d)
+        Pose of the end-effector after the step, m and rad.
+    inputs : array (..., legs)
+        Where the clamps are after the step, rad or m: not where they are told to go, if the actuators are not ideal.
+    index : int array (...)
+    stability_margin, singularity_margin, residual : array (...)
+    event : int array (...)
+        The event, as its place in `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver
+        failure.
+    cost, cost_unstable, cost_singular, cost_limit, cost_solver : array (...)
+    reward : array (...)
+        The reward of the step, for the goal that counts then.
+    terminated : bool array (...)
+        Whether the step would end the episode, because stability is lost.
+    """
+
+    pose: Array
+    inputs: Array
+    index: Integers
+    stability_margin: Array
+    singularity_margin: Array
+    residual: Array
+    event: Integers
+    cost: Array
+    cost_unstable: Array
+    cost_singular: Array
+    cost_limit: Array
+    cost_solver: Array
+    reward: Array
+    terminated: Mask
+
+
+def preview(simulation: Simulation, actions: Array) -> Preview:
+    """Return what the rows of a simulation would come to with their actions (k, legs) or (n, k, legs)."""
+    shape, chosen = actions.shape[:-1], actions.reshape(-1, actions.shape[-1])
+    origin = np.repeat(np.arange(simulation.count), len(chosen) // simulation.count)
+    motion = Motion.of(simulation.rows).copied(origin)
+    report = simulation.foresee(motion, chosen)
+    verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
+    costs = {name: verdicts[name] for name in Costs.__annotations__}
+    units = mechanism.units
+    return Preview(
+        pose=units.pose_from_kernel(motion.x[:, 2 * mechanism.leg_count :]).reshape(*shape, mechanism.dof),
+        inputs=units.inputs_from_kernel(motion.inputs).reshape(actions.shape),
+        index=verdicts["index"],
+        stability_margin=verdicts["stability_margin"],
+        singularity_margin=verdicts["singularity_margin"],
+        residual=verdicts["residual"],
+        event=verdicts["event"],
+        cost=sum(costs.values(), np.zeros(shape)),
+        **costs,
+        reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
+        terminated=verdicts["is_lost"],
+    )
+
+
+def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers) -> Array:
+    """Return the rewards (m,) of steps of the rows `origin` (m,) that lead to inputs (m, legs) and features (m, f)."""
+    task, rows = simulation.settings.task, simulation.rows
+    phase = (rows.elapsed[origin] + 1) % rows.goals.shape[1]
+    rewards, _ = task.score(task.goals.achieved(features, inputs, np.arange(len(origin))), rows.goals[origin, phase])
+    return rewards
+
+
+def checked_choices(actions: ArrayLike, shape: tuple[int | str, ...]) -> Array:
+    """Return actions to choose from as a new array of a shape, in which a name stands for any number."""
+    try:
+        values = np.array(actions, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TypeError(f"actions must be an array of numbers, got {actions!r}") from None
+    fits = [isinstance(size, str) or size == own for size, own in zip(shape, values.shape, strict=False)]
+    if values.ndim != len(shape) or not all(fits):
+        raise ValueError(f"actions must have shape ({', '.join(map(str, shape))}), got {values.shape}")
+    is_finite = np.isfinite(values).all(axis=-1)
+    if not is_finite.all():
+        raise ValueError(f"actions must be finite, got {values[~is_finite].tolist()}")
+    return values
