@@ -7,7 +7,21 @@ from typing import Any
 import numpy as np
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
+from pcm_gym.kernels.statics.equilibrium import (
+    ENERGY,
+    MODE,
+    MODULUS,
+    PSI,
+    RESIDUAL,
+    RHO,
+    SINGULARITY_MARGIN,
+    STABILITY_MARGIN,
+    TIP_FORCE_X,
+    TIP_FORCE_Y,
+    Facts,
+    describe_equilibrium,
+    set_world_shapes,
+)
 from pcm_gym.mechanism import Mechanism
 
 
@@ -65,11 +79,10 @@ class Equilibrium:
             object.__setattr__(self, name, array)
 
     @cached_property
-    def _facts(self) -> tuple[Array, Array, Array, Array, int, bool]:
+    def _facts(self) -> Facts:
         mechanism, units = self.mechanism, self.mechanism.units
-        return describe_equilibrium(
-            mechanism.leg_table, np.array(self.state), self.inputs / units.inputs, self.load / units.load
-        )
+        inputs, load = self.inputs / units.inputs, self.load / units.load
+        return Facts(*describe_equilibrium(mechanism.leg_table, np.array(self.state), inputs, load))
 
     @property
     def pose(self) -> Array:
@@ -81,8 +94,14 @@ class Equilibrium:
         """The rods in the paper's parameters, one per leg."""
         force_unit = self.mechanism.units.force
         return tuple(
-            RodState(float(row[0]), float(row[1]), int(row[2]), float(row[3]), row[4:6] * force_unit)
-            for row in self._facts[1]
+            RodState(
+                float(row[MODULUS]),
+                float(row[PSI]),
+                int(row[MODE]),
+                float(row[RHO]),
+                row[TIP_FORCE_X : TIP_FORCE_Y + 1] * force_unit,
+            )
+            for row in self._facts.rods
         )
 
     @property
@@ -93,17 +112,17 @@ class Equilibrium:
     @property
     def energy(self) -> float:
         """Bending energy of the rods less the work of the load on the end-effector, in J."""
-        return float(self._facts[0][0]) * self.mechanism.units.energy
+        return float(self._facts.scalars[ENERGY]) * self.mechanism.units.energy
 
     @property
     def residual(self) -> float:
         """Largest error of closure, relative to the mean rod length, or of equilibrium, relative to 1 + force."""
-        return float(self._facts[0][1])
+        return float(self._facts.scalars[RESIDUAL])
 
     @property
     def index(self) -> int:
         """Morse index: number of unstable directions of the rods' whole energy under the closure constraints."""
-        return self._facts[4]
+        return self._facts.index
 
     @property
     def is_stable(self) -> bool:
@@ -113,7 +132,7 @@ class Equilibrium:
     @property
     def stability_margin(self) -> float:
         """Least eigenvalue of the stiffness, dimensionless (EI = L = 1); means stability only of a stable state."""
-        return float(self._facts[0][2])
+        return float(self._facts.scalars[STABILITY_MARGIN])
 
     @property
     def singularity_margin(self) -> float:
@@ -123,12 +142,12 @@ class Equilibrium:
         linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
         fold is near it means nothing but that; it is at most 10.
         """
-        return float(self._facts[0][3])
+        return float(self._facts.scalars[SINGULARITY_MARGIN])
 
     @property
     def stiffness(self) -> Array:
         """Stiffness of the end-effector, d force / d pose at fixed inputs, (d, d), in N/m, N and N m."""
-        return self._facts[2] * self.mechanism.units.stiffness
+        return self._facts.stiffness * self.mechanism.units.stiffness
 
     @property
     def forward_jacobian(self) -> Array:
@@ -139,11 +158,10 @@ class Equilibrium:
         numpy.linalg.LinAlgError
             At a singular point, where it does not exist.
         """
-        *_, jacobian, _, is_regular = self._facts
-        if not is_regular:
+        if not self._facts.is_regular:
             raise np.linalg.LinAlgError("the forward Jacobian does not exist: this equilibrium is a singular point")
         units = self.mechanism.units
-        return jacobian * np.outer(units.pose, 1.0 / units.inputs)
+        return self._facts.jacobian * np.outer(units.pose, 1.0 / units.inputs)
 
     @property
     def within_limits(self) -> bool:

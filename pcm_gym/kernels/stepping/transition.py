@@ -4,8 +4,8 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, SOLVER_FAILURE, judge, make_line
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, Block, make_block, rest_block, step_block
+from pcm_gym.kernels.lockstep.lanes import rest_block, step_block
+from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, set_way_point, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
@@ -43,7 +43,7 @@ def step_batch(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
-            if block.common[lanes.IS_SOUND + lane] == 0.0:
+            if block.common[0].is_sound[lane] == 0.0:
                 refused[refused_count] = row
                 refused_count += 1
                 continue
@@ -95,7 +95,7 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 k = going[first + lane]
-                if block.common[lanes.IS_SOUND + lane] == 0.0:
+                if block.common[0].is_sound[lane] == 0.0:
                     part[k] *= 0.5
                 else:
                     store_lane(own, k, block, lane)
@@ -168,7 +168,7 @@ def _tell(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
-            if block.common[lanes.IS_SOUND + lane] == 0.0:
+            if block.common[0].is_sound[lane] == 0.0:
                 x, inputs = states.x[row], states.inputs[row]
                 place(legs, x, inputs, work)
                 tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
