@@ -122,7 +122,7 @@ class Equilibrium:
     @property
     def index(self) -> int:
         """Morse index: number of unstable directions of the rods' whole energy under the closure constraints."""
-        return self._facts.index
+        return self._facts.morse_index
 
     @property
     def is_stable(self) -> bool:

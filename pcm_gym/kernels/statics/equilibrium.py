@@ -40,7 +40,7 @@ class Facts(NamedTuple):
     rods: Array  # (legs, 6): the paper's k, psi, mode and rho, then the tip force in the world frame
     stiffness: Array  # (d, d)
     jacobian: Array  # (d, legs)
-    index: int
+    morse_index: int
     is_regular: bool  # whether the Jacobian exists
 
 

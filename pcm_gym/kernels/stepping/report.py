@@ -6,7 +6,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, FOLD, NONE, SOLVER_FAILURE, Tracked
-from pcm_gym.kernels.lockstep.layout import LANES, Block, CommonLanes
+from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes
 from pcm_gym.kernels.lockstep.verdicts import residual
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import CONTINUE, TERMINATE, is_instability
@@ -51,7 +51,7 @@ def _verdict(common: CommonLanes, lane: int) -> Tracked:
 @formula
 def report_lane(
     row: int,
-    block: Block,
+    common: CommonLanes,
     lane: int,
     seen: Array,
     is_cut: bool,
@@ -61,7 +61,6 @@ def report_lane(
     """Fill `report` in the row of a lane that has gone the whole way, with what is seen of its block."""
     for n in range(seen.shape[0]):
         report.features[row, n] = seen[n, lane]
-    common = block.common[0]
     report_row(row, _verdict(common, lane), common.singularity_margin[lane], is_cut, rules, report)
 
 

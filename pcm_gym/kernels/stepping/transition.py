@@ -32,6 +32,7 @@ def step_batch(
     which others are stepped with it.
     """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
+    common = block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
@@ -43,12 +44,12 @@ def step_batch(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
-            if block.common[0].is_sound[lane] == 0.0:
+            if common.is_sound[lane] == 0.0:
                 refused[refused_count] = row
                 refused_count += 1
                 continue
             store_lane(states, row, block, lane)
-            report_lane(row, block, lane, seen, is_cut[lane], rules, report)
+            report_lane(row, common, lane, seen, is_cut[lane], rules, report)
     if refused_count > 0:
         _step_refused(legs, states, refused[:refused_count], actions, rules, report, block)
 
@@ -82,6 +83,7 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
     """
     count = rows.shape[0]
     own = States(states.x[rows], states.inputs[rows], states.load[rows])
+    common = block.common[0]
     goal, done, part = np.empty(legs.shape[0]), np.zeros(count), np.full(count, 0.5)
     going, going_count = np.arange(count), count
     while going_count > 0:
@@ -95,7 +97,7 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 k = going[first + lane]
-                if block.common[0].is_sound[lane] == 0.0:
+                if common.is_sound[lane] == 0.0:
                     part[k] *= 0.5
                 else:
                     store_lane(own, k, block, lane)
@@ -158,7 +160,7 @@ def _tell(
     block: Block,
 ) -> None:
     """Fill `report` in rows that have gone the whole way to where they are."""
-    seen, work = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1])
+    seen, work, common = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1]), block.common[0]
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -168,7 +170,7 @@ def _tell(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
-            if block.common[0].is_sound[lane] == 0.0:
+            if common.is_sound[lane] == 0.0:
                 x, inputs = states.x[row], states.inputs[row]
                 place(legs, x, inputs, work)
                 tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
@@ -176,7 +178,7 @@ def _tell(
                 margin = singularity_margin(legs, x, work)
                 report_row(row, tracked, margin, is_here_cut, rules, report)
             else:
-                report_lane(row, block, lane, seen, is_here_cut, rules, report)
+                report_lane(row, common, lane, seen, is_here_cut, rules, report)
 
 
 @formula
