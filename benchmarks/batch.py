@@ -13,8 +13,10 @@ from gymnasium.vector import AutoresetMode
 
 from benchmarks.timing import Measure
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.kernels.lockstep.lanes import IS_SOUND, LANES, judge_block, make_block, step_block
+from pcm_gym.kernels.lockstep.lanes import step_block
+from pcm_gym.kernels.lockstep.layout import LANES, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane
+from pcm_gym.kernels.lockstep.verdicts import judge_block
 from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.report import Moves, empty_report
@@ -120,7 +122,7 @@ def _in_blocks(legs: Any, states: Any, targets: Any, refused: Any, verdicts: int
         for _ in range(verdicts):
             judge_block(block, count, dof)
         for lane in range(count):
-            refused[first + lane] = block.common[IS_SOUND + lane] == 0.0
+            refused[first + lane] = block.common[0].is_sound[lane] == 0.0
 
 
 def step_parts(environment_id: str) -> Measure:

@@ -121,7 +121,7 @@ class Equilibrium:
     @cached_property
     def _facts(self) -> _Facts:
         scalars, *others = describe_equilibrium(self.mechanism.leg_table, *self.kernel_values())
-        return _Facts._make([*scalars.tolist(), *others])
+        return _Facts(*scalars.tolist(), *others)
 
     @property
     def pose(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches import continuation, singularity
 from pcm_gym.kernels.branches.curves import Problem, polish
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, new_workspace
 from pcm_gym.mechanism.validation import positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -87,7 +87,7 @@ class _Search:
         self._legs[:, LOWER], self._legs[:, UPPER] = -math.inf, math.inf
         _, self._inputs, self._load = equilibrium.kernel_values()
         self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
-        self._work: Workspace = make_workspace(mechanism.leg_count, mechanism.state_size)
+        self._work: Workspace = new_workspace(mechanism.leg_count, mechanism.state_size)
 
     def run(self) -> NearestFold | None:
         hits, reach = [], self._reach

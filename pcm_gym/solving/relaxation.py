@@ -6,7 +6,7 @@ from enum import StrEnum
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.snaps.falls import fall
 from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
-from pcm_gym.kernels.statics.closure import make_workspace
+from pcm_gym.kernels.statics.closure import new_workspace
 from pcm_gym.solving.equilibrium import Equilibrium
 
 _LARGEST_RESIDUAL = 1e-6
@@ -121,7 +121,7 @@ def _fall(equilibrium: Equilibrium) -> Snap:
         state,
         inputs,
         load,
-        make_workspace(mechanism.leg_count, mechanism.state_size),
+        new_workspace(mechanism.leg_count, mechanism.state_size),
     )
     status = _STATUSES[relaxed.status]
     energies = energies * units.energy

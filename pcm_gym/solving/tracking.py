@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.kernels.branches import continuation
-from pcm_gym.kernels.statics.closure import make_workspace
+from pcm_gym.kernels.statics.closure import new_workspace
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -80,7 +80,7 @@ class BranchTracker:
         self._equilibrium = equilibrium
         self._follow_index_changes = follow_index_changes
         self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
-        self._work = make_workspace(mechanism.leg_count, mechanism.state_size)
+        self._work = new_workspace(mechanism.leg_count, mechanism.state_size)
 
     @property
     def equilibrium(self) -> Equilibrium:

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from pcm_gym.arrays import Mask
-from pcm_gym.kernels.stepping.features import DISTANCE_SCALE, LOAD_SCALE, STIFFNESS_SCALE, columns_of
+from pcm_gym.kernels.stepping.features import DISTANCE_SCALE, LOAD_SCALE, STIFFNESS_SCALE, feature_columns
 from pcm_gym.mechanism import Mechanism
 
 
@@ -92,7 +92,7 @@ def feature_layout(mechanism: Mechanism) -> Layout:
         )
     )
     starts = [layout[part.name].start for part in layout.parts[1:]]
-    assert (*starts, len(layout.elements)) == columns_of(mechanism.leg_table, mechanism.dof)
+    assert (*starts, len(layout.elements)) == feature_columns(mechanism.leg_table, mechanism.dof)
     return layout
 
 

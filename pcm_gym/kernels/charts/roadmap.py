@@ -11,10 +11,10 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, Line, make_line, track
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, Block, make_block, step_block
+from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.lanes_margin import set_margins
-from pcm_gym.kernels.lockstep.rows import load_lane
+from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
+from pcm_gym.kernels.lockstep.rows import load_lane, store_state
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
@@ -102,20 +102,20 @@ def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most:
 @kernel
 def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps: Steps, count: int) -> None:
     """Go the steps that wait, in two halves, and enter where they lead."""
-    common, load = steps.block.common, nodes.states.load
+    common, load = steps.block.common[0], nodes.states.load
     _aim_half_way(nodes, steps, count)
     _advance(legs, steps, count, load.shape[1])
     for lane in range(count):
-        steps.is_kept[lane] = common[lanes.IS_SOUND + lane] > 0.0
-        steps.is_clear[lane] = common[lanes.SINGULARITY_MARGIN + lane] >= _PART_BETWEEN * least_margin
+        steps.is_kept[lane] = common.is_sound[lane] > 0.0
+        steps.is_clear[lane] = common.singularity_margin[lane] >= _PART_BETWEEN * least_margin
     _aim_at_nodes(rasters, steps, count)
     _advance(legs, steps, count, load.shape[1])
     for lane in range(count):
         origin, way, cell = steps.origin[lane], steps.way[lane], steps.cell[lane]
         set_node(rasters, INPUTS, cell, steps.target)
-        if steps.is_kept[lane] and common[lanes.IS_SOUND + lane] > 0.0:
-            _take_lane(steps, lane, load.shape[1])
-            is_kept = steps.is_clear[lane] and common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
+        if steps.is_kept[lane] and common.is_sound[lane] > 0.0:
+            store_state(steps.block, lane, steps.x)
+            is_kept = steps.is_clear[lane] and common.singularity_margin[lane] >= least_margin
         else:
             is_kept = _go_halves_alone(legs, nodes, origin, least_margin, steps)
         if is_kept:
@@ -137,7 +137,7 @@ def _aim_half_way(nodes: Nodes, steps: Steps, count: int) -> None:
     for lane in range(count):
         for i in range(steps.block.legs.shape[0]):
             leg, start = steps.block.legs[i], nodes.states.inputs[steps.origin[lane], i]
-            leg[lanes.TARGET + lane] = 0.5 * (start + leg[lanes.TARGET + lane])
+            leg.target[lane] = 0.5 * (start + leg.target[lane])
 
 
 @kernel
@@ -147,7 +147,7 @@ def _aim_at_nodes(rasters: Rasters, steps: Steps, count: int) -> None:
         set_node(rasters, INPUTS, steps.cell[lane], steps.target)
         for i in range(steps.block.legs.shape[0]):
             leg = steps.block.legs[i]
-            leg[lanes.INPUT + lane], leg[lanes.TARGET + lane] = leg[lanes.TARGET + lane], steps.target[i]
+            leg.input[lane], leg.target[lane] = leg.target[lane], steps.target[i]
 
 
 @kernel
@@ -159,17 +159,6 @@ def _go_halves_alone(legs: Array, nodes: Nodes, origin: int, least_margin: float
     is_kept = _go_alone(legs, load, _PART_BETWEEN * least_margin, steps)
     steps.target[:] = end
     return is_kept and _go_alone(legs, load, least_margin, steps)
-
-
-@kernel
-def _take_lane(steps: Steps, lane: int, dof: int) -> None:
-    """Fill `steps.x` with the state of a lane."""
-    leg_count = steps.block.legs.shape[0]
-    for i in range(leg_count):
-        steps.x[2 * i] = steps.block.legs[i, lanes.G_X + lane]
-        steps.x[2 * i + 1] = steps.block.legs[i, lanes.G_Y + lane]
-    for d in range(dof):
-        steps.x[2 * leg_count + d] = steps.block.common[lanes.X + d * LANES + lane]
 
 
 @kernel

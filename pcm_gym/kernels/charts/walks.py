@@ -4,9 +4,9 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.branches.continuation import NONE, Line, make_line, track_in_one_step
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, make_block, step_block
+from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.lanes_margin import set_margins
+from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace
@@ -37,7 +37,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
             set_margins(legs, block, computed, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
-                is_refused = block.common[lanes.IS_SOUND + lane] == 0.0
+                is_refused = block.common[0].is_sound[lane] == 0.0
                 if is_refused and part[row] > LEAST_PART:
                     part[row] *= 0.5
                     continue
@@ -46,7 +46,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
                     _set_goal(states.inputs[row], targets[row], stride, made, goal)
                     is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
                 else:
-                    is_kept = _is_kept(block.common, lane, least_margin)
+                    is_kept = _is_kept(block.common[0], lane, least_margin)
                     if is_kept:
                         store_lane(states, row, block, lane)
                 left[row] = left[row] - made if is_kept else 0.0
@@ -54,9 +54,9 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
 
 
 @formula
-def _is_kept(common: Array, lane: int, least_margin: float) -> bool:
-    is_far: bool = common[lanes.SINGULARITY_MARGIN + lane] >= least_margin
-    return is_far and common[lanes.INDEX + lane] == 0.0
+def _is_kept(common: CommonLanes, lane: int, least_margin: float) -> bool:
+    is_far: bool = common.singularity_margin[lane] >= least_margin
+    return is_far and common.index[lane] == 0.0
 
 
 @kernel

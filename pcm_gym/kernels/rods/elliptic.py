@@ -14,7 +14,7 @@ from pcm_gym.kernels.numerics.compilation import formula, kernel
 # Below this modulus the expansion in k^2 is exact to rounding for the arguments of a rod.
 _SMALL_MODULUS = 1e-5
 # Below this value of k_c exp(u) the expansion at k = 1, of relative error (k_c exp(u))^4 / 256, is exact to rounding.
-_HYPERBOLIC_LIMIT = 3e-4
+HYPERBOLIC_LIMIT = 3e-4
 # Keeps the quarter period ln(4 / k_c) finite.
 _LEAST_COMPLEMENT = 1e-300
 
@@ -123,7 +123,7 @@ def jacobi(u: float, k: float, k_c: float) -> tuple[float, float, float, float, 
         `deficit` is u - E(u), with E Jacobi's epsilon function; it keeps its digits as k -> 0. At k = 1 the quarter
         period, infinite, is replaced by a large number.
     """
-    if k_c * math.exp(u) < _HYPERBOLIC_LIMIT:
+    if k_c * math.exp(u) < HYPERBOLIC_LIMIT:
         return _jacobi_near_one(u, k_c)
     return _jacobi(u, k, k_c)
 

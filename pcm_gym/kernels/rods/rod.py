@@ -13,24 +13,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pcm_gym.arrays import Array
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.rods.elliptic import LEAST_LANE_COMPLEMENT, jacobi, jacobi_in_lanes, quarter_period
 
 # Below this load |g| the power series is used: the closed form divides rounding errors by |g|.
-_SERIES_LOAD = 0.05
+SERIES_LOAD = 0.05
 _SERIES_TERMS = 7
 # Beyond this load (rho = 500) exp(rho) nears the end of the floating-point range.
-_LARGEST_LOAD = 2.5e5
-# Keeps the ratio of two vanishing numbers finite.
-_LEAST_PARAMETER = 1e-300
+LARGEST_LOAD = 2.5e5
 # Jacobi's sn, cn, dn, u - E(u) and the quarter period.
 Functions = tuple[float, float, float, float, float]
-# Four quadratic forms in the rates of rho and b, by their coefficients of rho rho, rho b and b b; and their values.
-Form = tuple[float, float, float]
-Curvature = tuple[Form, Form, Form, Form]
-Bend = tuple[float, float, float, float]
+# A number and two of its derivatives, see `series_from_tip`.
+Jet = tuple[float, float, float]
 
 
 class RodPoint(NamedTuple):
@@ -72,10 +68,10 @@ def rod(g_x: float, g_y: float) -> RodPoint:
     error about 1e-14; about 0.1 microseconds. All is nan where |g| exceeds 2.5e5 or is not a number.
     """
     load = math.hypot(g_x, g_y)
-    if not load <= _LARGEST_LOAD:
+    if not load <= LARGEST_LOAD:
         nan = math.nan
         return RodPoint(nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan)
-    if load < _SERIES_LOAD:
+    if load < SERIES_LOAD:
         return _rod_series(g_x, g_y)
     return _rod_elliptic(g_x, g_y, load)
 
@@ -97,7 +93,7 @@ def rod_in_lanes(g_x: float, g_y: float) -> tuple[RodPoint, Functions, bool]:
     rho = math.sqrt(load)
     kappa, kappa_c = tip_half_angle(g_x, g_y, load)
     functions = jacobi_in_lanes(rho, kappa, abs(kappa_c))
-    holds = (load >= _SERIES_LOAD) & (load <= _LARGEST_LOAD) & (abs(kappa_c) >= LEAST_LANE_COMPLEMENT)
+    holds = (load >= SERIES_LOAD) & (load <= LARGEST_LOAD) & (abs(kappa_c) >= LEAST_LANE_COMPLEMENT)
     return _rod_from_functions(g_x, g_y, load, rho, kappa, kappa_c, functions), functions, holds
 
 
@@ -114,7 +110,7 @@ def _rod_from_functions(
     """Return the rod at g by Jacobi's functions at (rho | m)."""
     cos_b, sin_b = g_x / load, -g_y / load
     half_periods = 0.5 * rho / functions[4]
-    cos_0, sin_0, beta_u, along, across, eta, eta_u = _base_end(rho, kappa, kappa_c, functions)
+    cos_0, sin_0, beta_u, along, across, eta, eta_u = base_end(rho, kappa, kappa_c, functions)
 
     tip_x = along * cos_0 + across * sin_0
     tip_y = across * cos_0 - along * sin_0
@@ -150,7 +146,7 @@ def _rod_from_functions(
 
 
 @formula
-def _base_end(
+def base_end(
     rho: float, kappa: float, kappa_c: float, functions: Functions
 ) -> tuple[float, float, float, float, float, float, float]:
     """Return cosine and sine of beta0, d beta / du there, X and Y, eta and d eta / du."""
@@ -172,91 +168,6 @@ def _base_end(
 
 
 @formula
-def rod_curvature(g_x: float, g_y: float, functions: Functions) -> Curvature:
-    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, by rho and b, see `bend`.
-
-    `functions` are those of `rod_in_lanes`, where it holds.
-    """
-    load = math.sqrt(g_x * g_x + g_y * g_y)
-    rho = math.sqrt(load)
-    kappa, kappa_c = tip_half_angle(g_x, g_y, load)
-    cos_b, sin_b = g_x / load, -g_y / load
-    cos_0, sin_0, beta_u, along, across, eta, eta_u = _base_end(rho, kappa, kappa_c, functions)
-    eta_b, eta_ub = _eta_by_b(rho, kappa, kappa_c, functions)
-
-    # by rho and by b; then the forms in their rates: by rho twice, by rho and b, by b twice
-    per_rho = 1.0 / rho
-    x_b, x_bb = -0.5 * (beta_u * eta + rho * sin_b), -0.5 * (eta_u * eta + beta_u * eta_b + rho * cos_b)
-    along_1, along_2 = (cos_0 - along) * per_rho, x_b * per_rho
-    across_1, across_2 = (sin_0 - across) * per_rho, eta_u * per_rho
-    along_11, across_11 = -(sin_0 * beta_u + 2.0 * along_1) * per_rho, (cos_0 * beta_u - 2.0 * across_1) * per_rho
-    along_12, across_12 = -2.0 * (sin_0 * eta + along_2) * per_rho, 2.0 * (cos_0 * eta - across_2) * per_rho
-    turn_11, turn_12, turn_22 = beta_u * beta_u, 2.0 * beta_u * eta, eta * eta
-    # tip and force are turned by -beta0 into the clamp's frame
-    tip_x = (
-        along_11 + 2.0 * beta_u * across_1 + sin_0 * across - turn_11 * along,
-        along_12 + 2.0 * (beta_u * across_2 + eta * across_1 + eta_u * across) - turn_12 * along,
-        x_bb * per_rho + 2.0 * eta * across_2 + eta_b * across - turn_22 * along,
-    )
-    tip_y = (
-        across_11 - 2.0 * beta_u * along_1 - sin_0 * along - turn_11 * across,
-        across_12 - 2.0 * (beta_u * along_2 + eta * along_1 + eta_u * along) - turn_12 * across,
-        eta_ub * per_rho - 2.0 * eta * along_2 - eta_b * along - turn_22 * across,
-    )
-    force_x = (2.0 - turn_11 * load, -turn_12 * load, -turn_22 * load)
-    force_y = (-4.0 * beta_u * rho - sin_0 * load, -4.0 * eta * rho - 2.0 * eta_u * load, -eta_b * load)
-
-    return (
-        _turned_form(tip_x, tip_y, cos_0, sin_0),
-        _turned_form(tip_y, tip_x, cos_0, -sin_0),
-        _turned_form(force_x, force_y, cos_0, sin_0),
-        _turned_form(force_y, force_x, cos_0, -sin_0),
-    )
-
-
-@formula
-def _turned_form(own: Form, other: Form, c: float, s: float) -> Form:
-    return c * own[0] + s * other[0], c * own[1] + s * other[1], c * own[2] + s * other[2]
-
-
-@formula
-def bend(g_x: float, g_y: float, curvature: Curvature, step_x: float, step_y: float) -> Bend:
-    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, along a path through g.
-
-    The path leaves g with the velocity (step_x, step_y), and rho and b change along it at constant rates.
-    """
-    square = g_x * g_x + g_y * g_y
-    load = math.sqrt(square)
-    rho_t, b_t = 0.5 * (g_x * step_x + g_y * step_y) / (load * math.sqrt(load)), (g_y * step_x - g_x * step_y) / square
-    first, mixed, second = rho_t * rho_t, rho_t * b_t, b_t * b_t
-    return (
-        curvature[0][0] * first + curvature[0][1] * mixed + curvature[0][2] * second,
-        curvature[1][0] * first + curvature[1][1] * mixed + curvature[1][2] * second,
-        curvature[2][0] * first + curvature[2][1] * mixed + curvature[2][2] * second,
-        curvature[3][0] * first + curvature[3][1] * mixed + curvature[3][2] * second,
-    )
-
-
-@formula
-def _eta_by_b(rho: float, kappa: float, kappa_c: float, functions: Functions) -> tuple[float, float]:
-    """Return the derivatives by b of eta and of d eta / du, from those of Jacobi's functions by m (DLMF 22.13(iii))."""
-    sn, cn, dn, deficit, _ = functions
-    m = kappa * kappa
-    nd = 1.0 / dn
-    cd, sd = cn * nd, sn * nd
-    excess, share = m * rho - deficit, deficit / max(m, _LEAST_PARAMETER)
-    lag = 0.5 * (rho - share - sn * cd) / (kappa_c * kappa_c)  # - (d am / dm) / dn
-    excess_m = rho - 0.5 * share - dn * dn * lag
-    eta_m = 0.5 * excess * sd * sd * sd + sd * (rho - 0.5 * share) - lag * excess * cn * nd * nd
-    sn_dn_m = lag * cn * (m * sn * sn - dn * dn) - 0.5 * sn * sn * sd
-    cd_nd_m = lag * sn * nd * (1.0 - 2.0 * m * cd * cd) + cn * sn * sn * nd * nd * nd * nd
-    sd_cn_m = lag * cn * (2.0 * sn * sn - cd * cd) + 0.5 * cn * cn * sd * sd * sd
-    eta_um = excess_m * cd * nd + excess * cd_nd_m - sn_dn_m + sd * cn * cn + m * sd_cn_m
-    m_b = -kappa * kappa_c
-    return m_b * eta_m, m_b * eta_um
-
-
-@formula
 def _eta_zeros(half_periods: float, eta: float) -> float:
     """Return the number of zeros of eta in (0, rho): exactly one lies between neighbouring multiples of 2 K."""
     passed = np.floor(half_periods)
@@ -267,9 +178,16 @@ def _eta_zeros(half_periods: float, eta: float) -> float:
 
 @kernel
 def _rod_series(g_x: float, g_y: float) -> RodPoint:
-    """Taylor series in the squared distance from the tip of the tangent's angle tau, seen in the tip's frame.
+    return _in_clamp_frame(g_x, g_y, series_from_tip((g_x, 1.0, 0.0), (g_y, 0.0, 1.0), 0.0))
 
-    tau'' = g_x sin(tau) - g_y cos(tau); column 0 holds a value, columns 1 and 2 its derivatives by g_x and g_y.
+
+@kernel
+def series_from_tip(g_x: Jet, g_y: Jet, mixed: float) -> Array:
+    """Return the tangent's angle at the base, and the tip from the base in the tip's frame, as jets (3, 3).
+
+    Taylor series in the squared distance from the tip of the tangent's angle tau, seen in the tip's frame:
+    tau'' = g_x sin(tau) - g_y cos(tau). Column 0 of a jet holds a value. With `mixed` = 0 columns 1 and 2 hold its
+    first derivatives along two directions of g; with `mixed` = 1 its first and half its second one along a path.
     """
     angle = np.zeros((_SERIES_TERMS, 3))
     cosine = np.zeros((_SERIES_TERMS, 3))
@@ -278,9 +196,10 @@ def _rod_series(g_x: float, g_y: float) -> RodPoint:
     for n in range(1, _SERIES_TERMS):
         scale = 1.0 / (2 * n * (2 * n - 1))
         for d in range(3):
-            angle[n, d] = scale * (g_x * sine[n - 1, d] - g_y * cosine[n - 1, d])
-        angle[n, 1] += scale * sine[n - 1, 0]
-        angle[n, 2] -= scale * cosine[n - 1, 0]
+            angle[n, d] = scale * (g_x[0] * sine[n - 1, d] - g_y[0] * cosine[n - 1, d])
+        for d in range(1, 3):
+            angle[n, d] += scale * (g_x[d] * sine[n - 1, 0] - g_y[d] * cosine[n - 1, 0])
+        angle[n, 2] += mixed * scale * (g_x[1] * sine[n - 1, 1] - g_y[1] * cosine[n - 1, 1])
         for j in range(1, n + 1):
             weight = j / n
             cosine[n, 0] -= weight * angle[j, 0] * sine[n - j, 0]
@@ -288,17 +207,19 @@ def _rod_series(g_x: float, g_y: float) -> RodPoint:
             for d in range(1, 3):
                 cosine[n, d] -= weight * (angle[j, d] * sine[n - j, 0] + angle[j, 0] * sine[n - j, d])
                 sine[n, d] += weight * (angle[j, d] * cosine[n - j, 0] + angle[j, 0] * cosine[n - j, d])
-    base = np.zeros((3, 3))  # tangent's angle at the base, tip from base in the tip's frame
+            cosine[n, 2] -= mixed * weight * angle[j, 1] * sine[n - j, 1]
+            sine[n, 2] += mixed * weight * angle[j, 1] * cosine[n - j, 1]
+    base = np.zeros((3, 3))
     for n in range(_SERIES_TERMS):
         for d in range(3):
             base[0, d] += angle[n, d]
             base[1, d] += cosine[n, d] / (2 * n + 1)
             base[2, d] += sine[n, d] / (2 * n + 1)
-    return _in_clamp_frame(g_x, g_y, base)
+    return base
 
 
 @kernel
-def _in_clamp_frame(g_x: float, g_y: float, base: NDArray[np.float64]) -> RodPoint:
+def _in_clamp_frame(g_x: float, g_y: float, base: Array) -> RodPoint:
     """Turn tip and force from the tip's frame by -base[0], the way to the clamp's frame, derivatives included."""
     c, s = math.cos(base[0, 0]), math.sin(base[0, 0])
     tip_x = c * base[1, 0] + s * base[2, 0]
@@ -361,7 +282,7 @@ def rod_energy(g_x: float, g_y: float) -> float:
 
 
 @kernel
-def rod_shape(g_x: float, g_y: float, shape: NDArray[np.float64]) -> None:
+def rod_shape(g_x: float, g_y: float, shape: Array) -> None:
     """Fill `shape` (points, 2) with the rod's centre line in the clamp's frame, base to tip, equal steps of arc.
 
     Seen from its tip, the part of the rod beyond a cut at distance t is itself a clamped rod of length t with load

@@ -6,18 +6,29 @@ from pcm_gym.arrays import Array
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.rods.rod import rod_energy, rod_parameters, rod_shape
 from pcm_gym.kernels.statics.closure import (
+    CLAMP_COS,
+    CLAMP_X,
+    FORCE_X,
+    FORCE_Y,
     LENGTH,
     STIFFNESS,
     Workspace,
     add_input_derivative,
     make_workspace,
+    pair,
     place,
     set_inputs,
     set_residual,
     solve_equilibrium_system,
 )
+from pcm_gym.kernels.statics.formulas import scaled, turned
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.stability import assess_stability
+
+# Entries of the scalars and columns of the rods that `describe_equilibrium` returns.
+ENERGY, RESIDUAL, STABILITY_MARGIN, SINGULARITY_MARGIN = range(4)
+MODULUS, PSI, MODE, RHO, TIP_FORCE_X, TIP_FORCE_Y = range(6)
+_SCALAR_COUNT, _ROD_COLUMNS = 4, 6
 
 
 @kernel
@@ -60,6 +71,7 @@ def describe_equilibrium(
     stiffness : array (d, d)
     jacobian : array (d, legs)
     index : int
+        Morse index.
     is_regular : bool
         Whether the Jacobian exists.
     """
@@ -68,22 +80,18 @@ def describe_equilibrium(
     work = make_workspace(leg_count, size)
     place(legs, x, inputs, work)
     closure_error, force_error = set_residual(legs, x, load, work)
-    rods = np.zeros((leg_count, 6))
+    rods = np.zeros((leg_count, _ROD_COLUMNS))
     for i in range(leg_count):
-        modulus, psi, mode, rho = rod_parameters(x[2 * i], x[2 * i + 1])
-        rods[i, 0], rods[i, 1], rods[i, 2], rods[i, 3] = modulus, psi, mode, rho
-        rods[i, 4:6] = work.rods[i, 2:4]
+        rods[i, MODULUS], rods[i, PSI], rods[i, MODE], rods[i, RHO] = rod_parameters(x[2 * i], x[2 * i + 1])
+        rods[i, TIP_FORCE_X], rods[i, TIP_FORCE_Y] = work.rods[i, FORCE_X], work.rods[i, FORCE_Y]
     jacobian = np.zeros((dof, leg_count))
     regular = set_forward_jacobian(legs, x, work, jacobian)
     verdict = assess_stability(legs, x, work)
-    scalars = np.array(
-        [
-            total_energy(legs, x, load),
-            max(closure_error, force_error),
-            verdict.stability_margin,
-            singularity_margin(legs, x, work),
-        ]
-    )
+    scalars = np.empty(_SCALAR_COUNT)
+    scalars[ENERGY] = total_energy(legs, x, load)
+    scalars[RESIDUAL] = max(closure_error, force_error)
+    scalars[STABILITY_MARGIN] = verdict.stability_margin
+    scalars[SINGULARITY_MARGIN] = singularity_margin(legs, x, work)
     k = verdict.stiffness
     full = np.array([[k.xx, k.xy, k.xz], [k.xy, k.yy, k.yz], [k.xz, k.yz, k.zz]])
     return scalars, rods, full[:dof, :dof].copy(), jacobian, verdict.morse_index, regular
@@ -97,8 +105,8 @@ def set_world_shapes(legs: Array, x: Array, inputs: Array, shapes: Array) -> Non
     for i in range(legs.shape[0]):
         shape = shapes[i]
         rod_shape(x[2 * i], x[2 * i + 1], shape)
-        c, s = legs[i, LENGTH] * work.clamps[i, 2], legs[i, LENGTH] * work.clamps[i, 3]
+        clamp = pair(work.clamps[i], CLAMP_X)
+        frame = scaled(legs[i, LENGTH], pair(work.clamps[i], CLAMP_COS))
         for n in range(shape.shape[0]):
-            along, across = shape[n, 0], shape[n, 1]
-            shape[n, 0] = work.clamps[i, 0] + c * along - s * across
-            shape[n, 1] = work.clamps[i, 1] + s * along + c * across
+            away = turned(frame, pair(shape[n], 0))
+            shape[n, 0], shape[n, 1] = clamp[0] + away[0], clamp[1] + away[1]

@@ -8,136 +8,156 @@ directions count for more, by 1 + (k / `STIFF`)^2.
 
 grad k is the third derivative of the reduced energy along (v, v, motion), v the eigenvector of k and motion that of the
 mechanism with one input. Here all of it is had from motions of the rods, which are smooth where the stiffness has
-poles: along v by a load, the mechanism yields by a compliance c = 1/k.
+poles: along v by a load, the mechanism yields by a compliance c = 1/k. Lanes, which are away from poles, condense the
+rods; the formulas are the same.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.numerics.linear import diagonalize
-from pcm_gym.kernels.rods.rod import RodPoint, rod
+from pcm_gym.kernels.rods.curvature import Bend, rod_bend
 from pcm_gym.kernels.statics.closure import (
     ARM_X,
-    ARM_Y,
+    CLAMP_COS,
     FORCE_G,
     FORCE_X,
-    FORCE_Y,
     LENGTH,
     STIFFNESS,
     TIP_G,
     TURN,
-    Derivatives,
     Workspace,
     add_input_derivative,
     derivatives,
-    placed,
+    pair,
     solve_equilibrium_system,
 )
-from pcm_gym.kernels.statics.newton import rod_correction
+from pcm_gym.kernels.statics.formulas import Pair, applied, force_unit, moment, scaled, turned
 
 # Largest margin, in rad or lengths.
 FARTHEST = 10.0
 # Stiffness, in EI / L^3, that does not vanish within a short way.
 STIFF = 500.0
-# Step of the central differences, of fourth order, of a rod's derivatives: change of its tip, or of its force over
-# 1 + |force|.
-_DIFFERENCE = 1e-3
+# Keeps the ratio of two vanishing numbers finite.
+_LEAST_SLOPE = 1e-300
+
+
+class Yielding(NamedTuple):
+    """What one leg does in a motion of the end-effector with the inputs held."""
+
+    turn: float  # of the end-effector
+    tip: Pair  # motion of the rod's tip
+    pull: Pair  # that of its force
+    bend: tuple[Pair, Pair]  # second derivatives of tip and force, world frame
+
+
+class Cubic(NamedTuple):
+    """What one leg adds to the derivatives of the energy's second derivative along a motion."""
+
+    by_tip: Pair  # by the motion of the rod's tip
+    by_pull: Pair  # by that of its force
+    by_arm: Pair  # by that of its arm, a turn of the end-effector
+    by_turn: float  # by that turn itself
+    by_clamp: float  # by a turn of the clamp
+
+
+@formula
+def placed_bend(bend: Bend, length: float, unit_force: float, clamp: Pair) -> tuple[Pair, Pair]:
+    """Return the second derivatives of a rod's tip and force in the world frame and its units."""
+    tip = turned(scaled(length, clamp), (bend[0], bend[1]))
+    return tip, turned(scaled(unit_force, clamp), (bend[2], bend[3]))
+
+
+@formula
+def cubic_share(motion: Yielding, arm: Pair, force: Pair) -> Cubic:
+    """Return the share of one leg: the arm turns with the end-effector, the frame of the rod with its clamp."""
+    turn, squared = motion.turn, motion.turn * motion.turn
+    tip_bend, force_bend = motion.bend
+    by_turn = squared * moment(arm, force)
+    return Cubic(
+        force_bend,
+        (-(tip_bend[0] + squared * arm[0]), -(tip_bend[1] + squared * arm[1])),
+        (2.0 * turn * motion.pull[1], -2.0 * turn * motion.pull[0]),
+        -by_turn,
+        by_turn - 2.0 * moment(motion.tip, motion.pull),
+    )
+
+
+@formula
+def fold_distance(stiffness: float, compliance: float, slope: float) -> float:
+    """Return the margin of one eigenvalue k, given as the ratio of a stiffness to a compliance, one of which is 1.
+
+    `slope` is stiffness compliance |grad k| of them: of the eigenvalue if the compliance is 1, otherwise c^3 |grad k|.
+    """
+    ratio = stiffness / STIFF
+    distance = 0.5 * stiffness * stiffness * (compliance * compliance + ratio * ratio)
+    return distance / max(slope, distance / FARTHEST, _LEAST_SLOPE)
 
 
 @kernel
 def singularity_margin(legs: Array, x: Array, work: Workspace) -> float:
     """Return the margin of the state `x`, whose rod table is set and is left alone; 0 where it is singular."""
     leg_count, size = legs.shape[0], x.shape[0]
-    pose, dof = 2 * leg_count, size - 2 * leg_count
+    dof = size - 2 * leg_count
     yielding, driven = np.empty((dof, size)), np.empty((leg_count, size))
-    compliance, axes = np.empty((dof, dof)), np.empty((dof, dof))
-    right, bends = np.zeros(size), np.empty((leg_count, 4))
-    for k in range(dof):
-        right[:] = 0.0
-        right[pose + k] = -1.0
-        if not solve_equilibrium_system(legs, x, right, work):
-            return 0.0
-        yielding[k] = work.step
-        compliance[k] = work.step[pose:]
-    for i in range(leg_count):
-        right[:] = 0.0
-        add_input_derivative(legs, x, work, i, 1.0, right)
-        solve_equilibrium_system(legs, x, right, work)
-        driven[i] = work.step
+    if not _set_motions(legs, x, work, yielding, driven):
+        return 0.0
+    compliance, axes = yielding[:, 2 * leg_count :].copy(), np.empty((dof, dof))
     diagonalize(compliance, axes)
-    margin = FARTHEST
+    margin, motion = FARTHEST, np.empty(size)
     for k in range(dof):
-        right[:] = 0.0  # from here on the motion under a unit load along the axis
+        motion[:] = 0.0
         for d in range(dof):
-            right += axes[d, k] * yielding[d]
-        for i in range(leg_count):
-            _set_bend(legs, x, right, work, i, bends[i])
-        squared = 0.0
-        for i in range(leg_count):
-            squared += _third_derivative(legs, right, driven[i], i, bends, work) ** 2
-        soft = compliance[k, k] * compliance[k, k] + 1.0 / (STIFF * STIFF)
-        slope = 2.0 * abs(compliance[k, k]) * math.sqrt(squared)
-        margin = min(margin, soft / max(slope, soft / FARTHEST))
+            motion += axes[d, k] * yielding[d]
+        own = compliance[k, k]
+        margin = min(margin, fold_distance(1.0, own, abs(own) * _slope(legs, x, motion, driven, work)))
     return margin
 
 
 @kernel
-def _set_bend(legs: Array, x: Array, motion: Array, work: Workspace, leg: int, bend: Array) -> None:
-    """Fill `bend` (4,) with the second derivatives of the rod's tip and force along the line of g in `motion`."""
-    rod_row, step_x, step_y = work.rods[leg], motion[2 * leg], motion[2 * leg + 1]
-    force = 1.0 + abs(rod_row[FORCE_X]) + abs(rod_row[FORCE_Y])
-    size = rod_correction(derivatives(rod_row, TIP_G), derivatives(rod_row, FORCE_G), force, step_x, step_y)
-    bend[:] = 0.0
-    if size == 0.0:
-        return
-    width = _DIFFERENCE / size
-    for place, weight in ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0)):
-        way = place * width
-        point = _rod_at(legs, x[2 * leg] + way * step_x, x[2 * leg + 1] + way * step_y, work, leg)
-        tip_x, tip_y = _times((point.tip_x_gx, point.tip_x_gy, point.tip_y_gx, point.tip_y_gy), step_x, step_y)
-        force_x, force_y = _times(
-            (point.force_x_gx, point.force_x_gy, point.force_y_gx, point.force_y_gy), step_x, step_y
-        )
-        share = weight / (12.0 * width)
-        bend[0] += share * tip_x
-        bend[1] += share * tip_y
-        bend[2] += share * force_x
-        bend[3] += share * force_y
+def _set_motions(legs: Array, x: Array, work: Workspace, yielding: Array, driven: Array) -> bool:
+    """Fill the motions under a unit load along each axis (d, size), and with each input (legs, size).
+
+    Return False where the state is singular.
+    """
+    right, pose = np.zeros(x.shape[0]), 2 * legs.shape[0]
+    for k in range(yielding.shape[0]):
+        right[:] = 0.0
+        right[pose + k] = -1.0
+        if not solve_equilibrium_system(legs, x, right, work):
+            return False
+        yielding[k] = work.step
+    for i in range(legs.shape[0]):
+        right[:] = 0.0
+        add_input_derivative(legs, x, work, i, 1.0, right)
+        solve_equilibrium_system(legs, x, right, work)
+        driven[i] = work.step
+    return True
 
 
 @kernel
-def _rod_at(legs: Array, g_x: float, g_y: float, work: Workspace, leg: int) -> RodPoint:
-    length, clamp = legs[leg, LENGTH], work.clamps[leg]
-    return placed(rod(g_x, g_y), length, legs[leg, STIFFNESS] / (length * length), clamp[2], clamp[3])
-
-
-@formula
-def _times(matrix: Derivatives, x: float, y: float) -> tuple[float, float]:
-    return matrix[0] * x + matrix[1] * y, matrix[2] * x + matrix[3] * y
-
-
-@kernel
-def _third_derivative(legs: Array, motion: Array, driven: Array, driver: int, bends: Array, work: Workspace) -> float:
-    """Return the third derivative of the energy along (motion, motion, driven), driven by the input of one leg."""
-    pose = 2 * legs.shape[0]
-    is_platform = motion.shape[0] - pose == 3
-    turn, driven_turn = (motion[pose + 2], driven[pose + 2]) if is_platform else (0.0, 0.0)
-    total = 0.0
+def _slope(legs: Array, x: Array, motion: Array, driven: Array, work: Workspace) -> float:
+    """Return the length of the gradient, by the inputs along the sheet, of the second derivative along a motion."""
+    pose, by_input = 2 * legs.shape[0], np.zeros(legs.shape[0])
+    is_platform = x.shape[0] - pose == 3
+    turn = motion[pose + 2] if is_platform else 0.0
     for j in range(legs.shape[0]):
-        rod_row, bend = work.rods[j], bends[j]
-        tip_g, force_g = derivatives(rod_row, TIP_G), derivatives(rod_row, FORCE_G)
-        arm_x, arm_y, force_x, force_y = rod_row[ARM_X], rod_row[ARM_Y], rod_row[FORCE_X], rod_row[FORCE_Y]
-        tip, pull = _times(tip_g, motion[2 * j], motion[2 * j + 1]), _times(force_g, motion[2 * j], motion[2 * j + 1])
-        own_tip = _times(tip_g, driven[2 * j], driven[2 * j + 1])
-        own_pull = _times(force_g, driven[2 * j], driven[2 * j + 1])
-        clamp_turn = legs[j, TURN] if j == driver else 0.0
-        total += bend[2] * own_tip[0] + bend[3] * own_tip[1] - bend[0] * own_pull[0] - bend[1] * own_pull[1]
-        # the arm turns with the end-effector, the frame of the rod with its clamp
-        total -= turn * turn * (arm_x * own_pull[0] + arm_y * own_pull[1])
-        total -= 2.0 * turn * driven_turn * (arm_x * pull[0] + arm_y * pull[1])
-        total -= 2.0 * clamp_turn * (pull[1] * tip[0] - pull[0] * tip[1])
-        total -= turn * turn * (driven_turn - clamp_turn) * (arm_x * force_y - arm_y * force_x)
-    return total
+        rod_row, length = work.rods[j], legs[j, LENGTH]
+        tip_g, force_g, arm = derivatives(rod_row, TIP_G), derivatives(rod_row, FORCE_G), pair(rod_row, ARM_X)
+        step = pair(motion, 2 * j)
+        bend = rod_bend(x[2 * j], x[2 * j + 1], step[0], step[1])
+        bends = placed_bend(bend, length, force_unit(length, legs[j, STIFFNESS]), pair(work.clamps[j], CLAMP_COS))
+        yielding = Yielding(turn, applied(tip_g, step), applied(force_g, step), bends)
+        share = cubic_share(yielding, arm, pair(rod_row, FORCE_X))
+        by_turn = moment(arm, share.by_arm) + share.by_turn
+        for i in range(legs.shape[0]):
+            tip, pull = applied(tip_g, pair(driven[i], 2 * j)), applied(force_g, pair(driven[i], 2 * j))
+            by_input[i] += share.by_tip[0] * tip[0] + share.by_tip[1] * tip[1]
+            by_input[i] += share.by_pull[0] * pull[0] + share.by_pull[1] * pull[1]
+            by_input[i] += by_turn * (driven[i, pose + 2] if is_platform else 0.0)
+        by_input[j] += legs[j, TURN] * share.by_clamp
+    return math.sqrt((by_input * by_input).sum())

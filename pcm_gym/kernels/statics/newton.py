@@ -9,18 +9,18 @@ from pcm_gym.kernels.numerics.linear import solve_linear
 from pcm_gym.kernels.statics.closure import (
     FORCE_G,
     FORCE_X,
-    FORCE_Y,
     TIP_G,
-    Derivatives,
     Workspace,
     derivatives,
     evaluate_rods,
+    pair,
     place,
     set_inputs,
     set_inverse_matrix,
     set_residual,
     solve_equilibrium_system,
 )
+from pcm_gym.kernels.statics.formulas import rod_correction
 
 CONVERGED, TOO_FAR, DIVERGED, SINGULAR, ITERATION_LIMIT = range(5)
 
@@ -67,17 +67,8 @@ def correction_size(legs: Array, x: Array, work: Workspace) -> float:
         size = max(size, abs(step[d]))
     for i in range(legs.shape[0]):
         tip_g, force_g = derivatives(rods[i], TIP_G), derivatives(rods[i], FORCE_G)
-        force = 1.0 + abs(rods[i, FORCE_X]) + abs(rods[i, FORCE_Y])
-        size = max(size, rod_correction(tip_g, force_g, force, step[2 * i], step[2 * i + 1]))
+        size = max(size, rod_correction(tip_g, force_g, pair(rods[i], FORCE_X), pair(step, 2 * i)))
     return size if math.isfinite(size) else math.inf
-
-
-@formula
-def rod_correction(tip_g: Derivatives, force_g: Derivatives, force: float, g_x: float, g_y: float) -> float:
-    """Return the largest change of a rod's tip, or, over `force`, of its force, for the step (g_x, g_y)."""
-    tip_x, tip_y = tip_g[0] * g_x + tip_g[1] * g_y, tip_g[2] * g_x + tip_g[3] * g_y
-    force_x, force_y = force_g[0] * g_x + force_g[1] * g_y, force_g[2] * g_x + force_g[3] * g_y
-    return max(abs(tip_x), abs(tip_y), max(abs(force_x), abs(force_y)) / force)
 
 
 @kernel

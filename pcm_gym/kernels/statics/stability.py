@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import Symmetric, eigenvalues_2, eigenvalues_3
 from pcm_gym.kernels.statics.closure import (
     DEAD_LOAD_INDEX,
@@ -14,7 +14,9 @@ from pcm_gym.kernels.statics.closure import (
     pole_distance,
     set_leg_stiffness,
     stiffness,
+    stiffness_of,
 )
+from pcm_gym.kernels.statics.formulas import judge_eigenvalues, rod_index
 
 # Nearer than this to a pole the entries of the stiffness say nothing any more.
 _POLE_LIMIT = 1e-14
@@ -53,8 +55,7 @@ def judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
     matrix = stiffness(legs, x, work)
     index = 0
     for i in range(legs.shape[0]):
-        own = (work.leg_stiffness[i, 0], work.leg_stiffness[i, 1], work.leg_stiffness[i, 2])
-        index += int(work.rods[i, DEAD_LOAD_INDEX] - negative_directions(own))
+        index += int(rod_index(work.rods[i, DEAD_LOAD_INDEX], stiffness_of(work, i)))
     if x.shape[0] - 2 * legs.shape[0] == 2:
         first, second = eigenvalues_2(matrix)
         third = math.inf
@@ -62,21 +63,6 @@ def judge_stiffness(legs: Array, x: Array, work: Workspace) -> Stability:
         first, second, third = eigenvalues_3(matrix)
     negative, stability_margin = judge_eigenvalues(first, second, third)
     return Stability(index + int(negative), stability_margin, matrix)
-
-
-@formula
-def judge_eigenvalues(first: float, second: float, third: float) -> tuple[float, float]:
-    """Return the number of negative eigenvalues of K, and the least one; a nan is negative."""
-    negative = (0.0 if first >= 0.0 else 1.0) + (0.0 if second >= 0.0 else 1.0) + (0.0 if third >= 0.0 else 1.0)
-    return negative, min(first, second, third)
-
-
-@formula
-def negative_directions(leg_stiffness: tuple[float, float, float]) -> float:
-    """Return the number of negative eigenvalues of a rod's stiffness."""
-    a_xx, a_xy, a_yy = leg_stiffness
-    of_definite = 2.0 if a_xx + a_yy < 0.0 else 0.0
-    return 1.0 if a_xx * a_yy - a_xy * a_xy < 0.0 else of_definite
 
 
 @kernel

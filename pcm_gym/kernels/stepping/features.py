@@ -4,13 +4,14 @@ import math
 from typing import NamedTuple
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, Block
 from pcm_gym.kernels.lockstep.lanes_margin import set_margins
+from pcm_gym.kernels.lockstep.layout import LANES, Block, LegLanes
+from pcm_gym.kernels.lockstep.layout import pair as pair_in
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.closure import (
+    CLAMP_COS,
+    CLAMP_SIN,
     FORCE_X,
-    FORCE_Y,
     HALF_PERIODS,
     LENGTH,
     LOWER,
@@ -18,7 +19,10 @@ from pcm_gym.kernels.statics.closure import (
     TURN,
     UPPER,
     Workspace,
+    pair,
 )
+from pcm_gym.kernels.statics.formulas import Pair
+from pcm_gym.kernels.stepping.goals import set_pose_seen
 
 # Loads are shown as g / (LOAD_SCALE + |g|), stiffnesses and distances from a fold likewise: smooth, bounded.
 LOAD_SCALE = 10.0
@@ -41,40 +45,42 @@ class Columns(NamedTuple):
     end: int
 
 
-@kernel
-def columns_of(legs: Array, dof: int) -> Columns:
+@formula
+def _input_features(turn: float) -> int:
+    """Return how many features an input has: where it is in its range, and of an angle cosine and sine."""
+    return 1 if turn == 0.0 else 1 + _TURN_FEATURES
+
+
+def feature_columns(legs: Array, dof: int) -> Columns:
     """Return where the features of a mechanism are."""
     inputs = 2 if dof == 2 else 4  # a platform's angle is seen as cosine and sine
     rods = inputs
     for i in range(legs.shape[0]):
-        rods += 1 + (_TURN_FEATURES if legs[i, TURN] != 0.0 else 0)
+        rods += _input_features(legs[i, TURN])
     is_stable = rods + _ROD_FEATURES * legs.shape[0]
     return Columns(inputs, rods, is_stable, is_stable + 1, is_stable + 1 + _MARGIN_FEATURES)
+
+
+# The same for kernels. Python must not ask a kernel for a named tuple: Numba cannot hand one over while a signal waits.
+columns_of = kernel(feature_columns)
 
 
 @kernel
 def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Array) -> None:
     """Fill `out` with the features of a state at the rod table, but for its stability: pose, inputs, rods."""
     pose = 2 * legs.shape[0]
-    dof = x.shape[0] - pose
-    columns = columns_of(legs, dof)
-    out[0], out[1] = x[pose], x[pose + 1]
-    if dof == 3:
-        out[2], out[3] = math.cos(x[pose + 2]), math.sin(x[pose + 2])
+    columns = columns_of(legs, x.shape[0] - pose)
+    set_pose_seen(x[pose:], out)
     n = columns.inputs
     for i in range(legs.shape[0]):
         out[n] = _input_feature(inputs[i], legs[i, LOWER], legs[i, UPPER])
-        n += 1
         if legs[i, TURN] != 0.0:
-            out[n], out[n + 1] = work.clamps[i, 2], work.clamps[i, 3]
-            n += _TURN_FEATURES
+            out[n + 1], out[n + 2] = work.clamps[i, CLAMP_COS], work.clamps[i, CLAMP_SIN]
+        n += _input_features(legs[i, TURN])
     for i in range(legs.shape[0]):
-        rod, clamp = work.rods[i], work.clamps[i]
-        force = (rod[FORCE_X], rod[FORCE_Y])
-        features = _rod_features(
-            x[2 * i], x[2 * i + 1], force, clamp[2], clamp[3], _force_unit(legs, i), rod[HALF_PERIODS]
-        )
-        n = columns.rods + _ROD_FEATURES * i
+        rod, clamp = work.rods[i], pair(work.clamps[i], CLAMP_COS)
+        force, n = pair(rod, FORCE_X), columns.rods + _ROD_FEATURES * i
+        features = _rod_features(pair(x, 2 * i), force, clamp, _force_scale(legs, i), rod[HALF_PERIODS])
         for k in range(_ROD_FEATURES):
             out[n + k] = features[k]
 
@@ -83,33 +89,28 @@ def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Arr
 def see_block(legs: Array, block: Block, count: int, computed: int, dof: int, out: Array) -> None:
     """Fill the margins of lanes that are evaluated and judged, and `out` (m, lanes) as `set_features` does."""
     set_margins(legs, block, computed, dof)
-    common, columns = block.common, columns_of(legs, dof)
-    out[0], out[1] = common[lanes.X : lanes.X + LANES], common[lanes.Y : lanes.Y + LANES]
+    common, columns = block.common[0], columns_of(legs, dof)
+    out[0], out[1] = common.pose[0], common.pose[1]
     if dof == 3:
-        out[2] = common[lanes.TURN_C : lanes.TURN_C + LANES]
-        out[3] = common[lanes.TURN_S : lanes.TURN_S + LANES]
+        out[2], out[3] = common.turn[0], common.turn[1]
     n = columns.inputs
     for i in range(legs.shape[0]):
         leg, lower, upper = block.legs[i], legs[i, LOWER], legs[i, UPPER]
         for lane in range(count):
-            out[n, lane] = _input_feature(leg[lanes.TARGET + lane], lower, upper)
-        n += 1
+            out[n, lane] = _input_feature(leg.target[lane], lower, upper)
         if legs[i, TURN] != 0.0:
-            out[n] = leg[lanes.CLAMP_C : lanes.CLAMP_C + LANES]
-            out[n + 1] = leg[lanes.CLAMP_S : lanes.CLAMP_S + LANES]
-            n += _TURN_FEATURES
+            out[n + 1], out[n + 2] = leg.direction[0], leg.direction[1]
+        n += _input_features(legs[i, TURN])
     for i in range(legs.shape[0]):
         n = columns.rods + _ROD_FEATURES * i
-        _see_rod(block.legs[i], count, _force_unit(legs, i), out[n : n + _ROD_FEATURES].reshape(-1))
+        _see_rod(block.legs[i], count, _force_scale(legs, i), out[n : n + _ROD_FEATURES].reshape(-1))
 
 
 @kernel
-def _see_rod(leg: Array, count: int, force_unit: float, out: Array) -> None:
+def _see_rod(leg: LegLanes, count: int, force_scale: float, out: Array) -> None:
     for lane in range(count):
-        g_x, g_y = leg[lanes.G_X + lane], leg[lanes.G_Y + lane]
-        force, half_periods = (leg[lanes.FORCE_X + lane], leg[lanes.FORCE_Y + lane]), leg[lanes.HALF_PERIODS + lane]
-        clamp_c, clamp_s = leg[lanes.CLAMP_C + lane], leg[lanes.CLAMP_S + lane]
-        features = _rod_features(g_x, g_y, force, clamp_c, clamp_s, force_unit, half_periods)
+        force, clamp = pair_in(leg.force, lane), pair_in(leg.direction, lane)
+        features = _rod_features(pair_in(leg.g, lane), force, clamp, force_scale, leg.half_periods[lane])
         out[lane] = features[0]
         out[LANES + lane] = features[1]
         out[2 * LANES + lane] = features[2]
@@ -123,26 +124,21 @@ def _input_feature(value: float, lower: float, upper: float) -> float:
 
 
 @formula
-def _force_unit(legs: Array, leg: int) -> float:
-    """Return the factor that makes the force on a rod dimensionless."""
+def _force_scale(legs: Array, leg: int) -> float:
+    """Return the factor that makes the force on a rod dimensionless, L^2 / EI."""
     length, stiffness = float(legs[leg, LENGTH]), float(legs[leg, STIFFNESS])
     return length * length / stiffness
 
 
 @formula
 def _rod_features(
-    g_x: float,
-    g_y: float,
-    force: tuple[float, float],
-    clamp_c: float,
-    clamp_s: float,
-    force_unit: float,
-    half_periods: float,
+    g: Pair, force: Pair, clamp: Pair, force_scale: float, half_periods: float
 ) -> tuple[float, float, float, float, float]:
-    scale = 1.0 / (LOAD_SCALE + math.sqrt(g_x * g_x + g_y * g_y))
-    along, across = clamp_c * force[0] + clamp_s * force[1], clamp_c * force[1] - clamp_s * force[0]
-    force_scale = scale * force_unit
-    return scale * g_x, scale * g_y, force_scale * along, force_scale * across, half_periods / (1.0 + half_periods)
+    """Return load and force, as the tip and the clamp see them, and the buckling mode."""
+    scale = 1.0 / (LOAD_SCALE + math.sqrt(g[0] * g[0] + g[1] * g[1]))
+    along, across = clamp[0] * force[0] + clamp[1] * force[1], clamp[0] * force[1] - clamp[1] * force[0]
+    own_scale = scale * force_scale
+    return scale * g[0], scale * g[1], own_scale * along, own_scale * across, half_periods / (1.0 + half_periods)
 
 
 @formula

@@ -94,13 +94,18 @@ def count_held(rows: Integers, has_stepped: Mask, is_held: Mask, progress: GoalP
 
 
 @kernel
+def set_pose_seen(pose: Array, out: Array) -> None:
+    """Fill the first numbers of `out` with a pose (d,) as agents see it: (x, y), and (cos phi, sin phi)."""
+    out[0], out[1] = pose[0], pose[1]
+    if pose.shape[0] == 3:
+        out[2], out[3] = math.cos(pose[2]), math.sin(pose[2])
+
+
+@kernel
 def poses_seen(x: Array, leg_count: int) -> Array:
-    """Return the poses of states (n, 2 legs + d) as agents see them, (n, 2 or 4): (x, y), and (cos phi, sin phi)."""
+    """Return the poses of states (n, 2 legs + d) as agents see them, (n, 2 or 4)."""
     pose = 2 * leg_count
-    is_platform = x.shape[1] - pose == 3
-    seen = np.empty((x.shape[0], 4 if is_platform else 2))
+    seen = np.empty((x.shape[0], 4 if x.shape[1] - pose == 3 else 2))
     for row in range(x.shape[0]):
-        seen[row, 0], seen[row, 1] = x[row, pose], x[row, pose + 1]
-        if is_platform:
-            seen[row, 2], seen[row, 3] = math.cos(x[row, pose + 2]), math.sin(x[row, pose + 2])
+        set_pose_seen(x[row, pose:], seen[row])
     return seen

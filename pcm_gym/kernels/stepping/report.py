@@ -6,8 +6,8 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Records
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, FOLD, NONE, SOLVER_FAILURE, Tracked
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, Block, residual
+from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes
+from pcm_gym.kernels.lockstep.verdicts import residual
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import CONTINUE, TERMINATE, is_instability
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES, stability_features
@@ -73,21 +73,15 @@ def make_seen(report: Report) -> Array:
 
 
 @formula
-def _verdict(common: Array, lane: int) -> Tracked:
+def _verdict(common: CommonLanes, lane: int) -> Tracked:
     """Return the verdict on a lane that has gone the whole way."""
-    return Tracked(
-        NONE,
-        1.0,
-        int(common[lanes.INDEX + lane]),
-        common[lanes.STABILITY_MARGIN + lane],
-        residual(common, lane),
-    )
+    return Tracked(NONE, 1.0, int(common.index[lane]), common.stability_margin[lane], residual(common, lane))
 
 
 @formula
 def report_lane(
     row: int,
-    block: Block,
+    common: CommonLanes,
     lane: int,
     seen: Array,
     is_cut: bool,
@@ -97,8 +91,7 @@ def report_lane(
     """Fill `report` in the row of a lane that has gone the whole way, with what is seen of its block."""
     for n in range(seen.shape[0]):
         report.features[row, n] = seen[n, lane]
-    margin = block.common[lanes.SINGULARITY_MARGIN + lane]
-    report_row(row, _verdict(block.common, lane), margin, is_cut, rules, report)
+    report_row(row, _verdict(common, lane), common.singularity_margin[lane], is_cut, rules, report)
 
 
 @formula

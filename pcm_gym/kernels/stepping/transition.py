@@ -4,8 +4,8 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, SOLVER_FAILURE, Tracked, judge, make_line
-from pcm_gym.kernels.lockstep import lanes
-from pcm_gym.kernels.lockstep.lanes import LANES, Block, make_block, rest_block, step_block
+from pcm_gym.kernels.lockstep.lanes import rest_block, step_block
+from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, set_way_point, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
@@ -37,7 +37,7 @@ def step_batch(
     which others are stepped with it.
     """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
-    actions, stride = moves.actions, moves.stride
+    actions, stride, common = moves.actions, moves.stride, block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
@@ -49,12 +49,12 @@ def step_batch(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
-            if block.common[lanes.IS_SOUND + lane] == 0.0:
+            if common.is_sound[lane] == 0.0:
                 refused[refused_count] = row
                 refused_count += 1
                 continue
             store_lane(states, row, block, lane)
-            report_lane(row, block, lane, seen, is_cut[lane], rules, report)
+            report_lane(row, common, lane, seen, is_cut[lane], rules, report)
     if refused_count > 0:
         _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
 
@@ -99,6 +99,7 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
     """
     count = rows.shape[0]
     own = States(states.x[rows], states.inputs[rows], states.load[rows])
+    common = block.common[0]
     goal, done, part = np.empty(legs.shape[0]), np.zeros(count), np.full(count, 0.5)
     going, going_count = np.arange(count), count
     while going_count > 0:
@@ -112,7 +113,7 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 k = going[first + lane]
-                if block.common[lanes.IS_SOUND + lane] == 0.0:
+                if common.is_sound[lane] == 0.0:
                     part[k] *= 0.5
                 else:
                     store_lane(own, k, block, lane)
@@ -174,7 +175,7 @@ def _report_arrived(
     block: Block,
 ) -> None:
     """Fill `report` in rows that have gone the whole way to where they are."""
-    seen, work = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1])
+    seen, work, common = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1]), block.common[0]
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -184,7 +185,7 @@ def _report_arrived(
         see_block(legs, block, count, computed, states.load.shape[1], seen)
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
-            if block.common[lanes.IS_SOUND + lane] == 0.0:
+            if common.is_sound[lane] == 0.0:
                 x, inputs = states.x[row], states.inputs[row]
                 place(legs, x, inputs, work)
                 tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
@@ -192,7 +193,7 @@ def _report_arrived(
                 margin = singularity_margin(legs, x, work)
                 report_row(row, tracked, margin, is_here_cut, rules, report)
             else:
-                report_lane(row, block, lane, seen, is_here_cut, rules, report)
+                report_lane(row, common, lane, seen, is_here_cut, rules, report)
 
 
 @formula

@@ -7,7 +7,8 @@ import pytest
 import pcm_gym
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
-from pcm_gym.kernels.rods.rod import bend, rod, rod_curvature, rod_in_lanes
+from pcm_gym.kernels.rods.curvature import bend, lag_in_lanes, rod_curvature
+from pcm_gym.kernels.rods.rod import rod, rod_in_lanes
 from pcm_gym.kernels.statics.margin import STIFF
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium, solve_forward
 
@@ -59,7 +60,7 @@ def test_margin_of_unstable_states_is_that_of_the_tracked_stiffness() -> None:
 def bends_in_lanes(g: np.ndarray, steps: np.ndarray, out: np.ndarray) -> None:
     for n in range(len(g)):
         _, functions, _ = rod_in_lanes(g[n, 0], g[n, 1])
-        curvature = rod_curvature(g[n, 0], g[n, 1], functions)
+        curvature = rod_curvature(g[n, 0], g[n, 1], functions, lag_in_lanes(g[n, 0], g[n, 1], functions))
         bends = bend(g[n, 0], g[n, 1], curvature, steps[n, 0], steps[n, 1])
         for k in range(4):
             out[n, k] = bends[k]
