@@ -18,7 +18,6 @@ from gymnasium.vector import AutoresetMode
 
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.motion import Motion
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
@@ -188,8 +187,7 @@ class _Drivers:
             for sign in (1.0, -1.0):
                 ahead = np.zeros((len(rows), result.shape[1]))
                 ahead[:, leg] = sign * _LOOK_AHEAD
-                report = simulation.foresee(Motion.of(simulation.rows).copied(rows), ahead, rules)
-                found = report.verdicts
+                found = simulation.foresee(simulation.motion.copied(rows), ahead, rules).verdicts
                 margins.append(np.where(found["cost_unstable"] > 0.0, 0.0, found["singularity_margin"]))
             slope = margins[0] - margins[1]
             result[rows, leg] = np.where(slope == 0.0, result[rows, leg], -np.sign(slope))

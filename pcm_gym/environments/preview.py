@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.environments.motion import Motion
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.stepping.report import Costs
 
@@ -56,7 +55,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
     """Return what the rows of a simulation would come to with their actions (k, legs) or (n, k, legs)."""
     shape, chosen = actions.shape[:-1], actions.reshape(-1, actions.shape[-1])
     origin = np.repeat(np.arange(simulation.count), len(chosen) // simulation.count)
-    motion = Motion.of(simulation.rows).copied(origin)
+    motion = simulation.motion.copied(origin)
     report = simulation.foresee(motion, chosen)
     verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
     costs = {name: verdicts[name] for name in Costs.__annotations__}

@@ -50,7 +50,7 @@ class Shield:
 
     def choose(self, rows: Integers, actions: Array) -> tuple[Array, Mask]:
         """Return actions for some rows and which of them are replaced, (m, legs) and (m,), from those asked for."""
-        motion = Motion.of(self._simulation.rows).copied(rows)
+        motion = self._simulation.motion.copied(rows)
         _, is_safe = self._best(motion, actions[:, None], self._exact)
         chosen, unsafe = actions.copy(), np.flatnonzero(~is_safe)
         for first in range(0, len(unsafe), _ROWS_AT_ONCE):

@@ -53,6 +53,7 @@ class Simulation:
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self.rows = self._rows_at_home()
+        self.motion = Motion.of(self.rows)
 
     def _rows_at_home(self) -> Rows:
         home, goals, count = self.scenes[0].home, self.settings.task.goals, self.count
@@ -103,7 +104,7 @@ class Simulation:
         The generators, one for each row, are the source of noise where the sensors have any.
         """
         report = self._empty_report()
-        self._move(Motion.of(self.rows), self._all, actions, self._rules, report)
+        self._move(self.motion, self._all, actions, self._rules, report)
         return self._outcome(self._all, report, self._every, generators)
 
     def step_and_reset(self, actions: Array, begun: Mask, generators: Generators) -> Outcome:
@@ -113,7 +114,7 @@ class Simulation:
         """
         report, rows, stepped = self._empty_report(), np.flatnonzero(begun), np.flatnonzero(~begun)
         begin = partial(self.reset_rows, rows, [generators[row] for row in rows.tolist()], None)
-        self._move(Motion.of(self.rows), stepped, actions, self._rules, report, [begin])
+        self._move(self.motion, stepped, actions, self._rules, report, [begin])
         self._describe(rows, report)
         outcome = self._outcome(self._all, report, ~begun, generators)
         outcome.reward[rows] = 0.0

@@ -12,6 +12,7 @@ from benchmarks import batch, single
 from benchmarks.batch import batch_throughput, make_batches, memory_per_environment, step_parts
 from benchmarks.endurance import Case, Tally, contradictions, endure, make_batch, read_cases, write_cases
 from benchmarks.machine import describe_machine
+from benchmarks.shield import KINDS, defend
 from benchmarks.timing import Summary, interleave
 from pcm_gym.kernels.statics.states import States
 
@@ -68,6 +69,18 @@ def test_endurance_finds_no_contradiction(on_instability: str) -> None:
     assert tally.events["fold"] > 100
     assert (tally.unstable_steps > 0) == (on_instability == "continue")
     assert json.loads(json.dumps(tally.as_dict()))["events"]["fold"] == tally.events["fold"]
+
+
+def test_shields_withstand_an_adversary_and_agree() -> None:
+    """What is lost without them is not lost with them, one by one or together."""
+    found = {}
+    for kind in KINDS:
+        found[kind], without = defend("2RFR", "lag", "hold", kind, 2500, lambda _: None)
+        assert without.losses > 20
+        assert found[kind].replaced > 100
+        assert (found[kind].losses, found[kind].failures, found[kind].below) == (0, 0, 0)
+        found[kind].name = ""
+    assert found["single"] == found["vector"]
 
 
 def test_endurance_keeps_what_does_not_fit_together(tmp_path: Path) -> None:

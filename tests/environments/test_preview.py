@@ -9,7 +9,6 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import pcm_gym
-from pcm_gym.environments.motion import Motion
 from pcm_gym.kernels.stepping.transition import GIVE_UP, step_batch
 from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
 
@@ -174,7 +173,7 @@ def test_those_who_give_up_are_not_moved_and_arrivals_are_the_same(name: str) ->
     simulation, generator = env._simulation, np.random.default_rng(0)
     actions, given_up = generator.choice([-1.0, 1.0], env.action_space.shape), 0
     for _ in range(25):
-        start = Motion.of(simulation.rows)
+        start = simulation.motion
         quick, exact = (start.copied(np.arange(200)) for _ in range(2))
         found = simulation.foresee(quick, actions, simulation.settings.rules._replace(behaviour=GIVE_UP))
         expected = simulation.foresee(exact, actions)
