@@ -18,7 +18,6 @@ from pcm_gym.kernels.statics.equilibrium import (
     STABILITY_MARGIN,
     TIP_FORCE_X,
     TIP_FORCE_Y,
-    Facts,
     describe_equilibrium,
     set_world_shapes,
 )
@@ -79,10 +78,11 @@ class Equilibrium:
             object.__setattr__(self, name, array)
 
     @cached_property
-    def _facts(self) -> Facts:
+    def _facts(self) -> tuple[Array, Array, Array, Array, int, bool]:
         mechanism, units = self.mechanism, self.mechanism.units
-        inputs, load = self.inputs / units.inputs, self.load / units.load
-        return Facts(*describe_equilibrium(mechanism.leg_table, np.array(self.state), inputs, load))
+        return describe_equilibrium(
+            mechanism.leg_table, np.array(self.state), self.inputs / units.inputs, self.load / units.load
+        )
 
     @property
     def pose(self) -> Array:
@@ -101,7 +101,7 @@ class Equilibrium:
                 float(row[RHO]),
                 row[TIP_FORCE_X : TIP_FORCE_Y + 1] * force_unit,
             )
-            for row in self._facts.rods
+            for row in self._facts[1]
         )
 
     @property
@@ -112,17 +112,17 @@ class Equilibrium:
     @property
     def energy(self) -> float:
         """Bending energy of the rods less the work of the load on the end-effector, in J."""
-        return float(self._facts.scalars[ENERGY]) * self.mechanism.units.energy
+        return float(self._facts[0][ENERGY]) * self.mechanism.units.energy
 
     @property
     def residual(self) -> float:
         """Largest error of closure, relative to the mean rod length, or of equilibrium, relative to 1 + force."""
-        return float(self._facts.scalars[RESIDUAL])
+        return float(self._facts[0][RESIDUAL])
 
     @property
     def index(self) -> int:
         """Morse index: number of unstable directions of the rods' whole energy under the closure constraints."""
-        return self._facts.morse_index
+        return self._facts[4]
 
     @property
     def is_stable(self) -> bool:
@@ -132,7 +132,7 @@ class Equilibrium:
     @property
     def stability_margin(self) -> float:
         """Least eigenvalue of the stiffness, dimensionless (EI = L = 1); means stability only of a stable state."""
-        return float(self._facts.scalars[STABILITY_MARGIN])
+        return float(self._facts[0][STABILITY_MARGIN])
 
     @property
     def singularity_margin(self) -> float:
@@ -142,12 +142,12 @@ class Equilibrium:
         linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
         fold is near it means nothing but that; it is at most 10.
         """
-        return float(self._facts.scalars[SINGULARITY_MARGIN])
+        return float(self._facts[0][SINGULARITY_MARGIN])
 
     @property
     def stiffness(self) -> Array:
         """Stiffness of the end-effector, d force / d pose at fixed inputs, (d, d), in N/m, N and N m."""
-        return self._facts.stiffness * self.mechanism.units.stiffness
+        return self._facts[2] * self.mechanism.units.stiffness
 
     @property
     def forward_jacobian(self) -> Array:
@@ -158,10 +158,11 @@ class Equilibrium:
         numpy.linalg.LinAlgError
             At a singular point, where it does not exist.
         """
-        if not self._facts.is_regular:
+        *_, jacobian, _, is_regular = self._facts
+        if not is_regular:
             raise np.linalg.LinAlgError("the forward Jacobian does not exist: this equilibrium is a singular point")
         units = self.mechanism.units
-        return self._facts.jacobian * np.outer(units.pose, 1.0 / units.inputs)
+        return jacobian * np.outer(units.pose, 1.0 / units.inputs)
 
     @property
     def within_limits(self) -> bool:

@@ -1,7 +1,5 @@
 """What is known of one equilibrium: residual, stability, energy, Jacobian and shape."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from pcm_gym.arrays import Array
@@ -27,21 +25,10 @@ from pcm_gym.kernels.statics.formulas import scaled, turned
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.stability import assess_stability
 
-# Entries of the scalars and columns of the rods in `Facts`.
+# Entries of the scalars, and columns of the rods, that `describe_equilibrium` returns.
 ENERGY, RESIDUAL, STABILITY_MARGIN, SINGULARITY_MARGIN = range(4)
 MODULUS, PSI, MODE, RHO, TIP_FORCE_X, TIP_FORCE_Y = range(6)
 _SCALAR_COUNT, _ROD_COLUMNS = 4, 6
-
-
-class Facts(NamedTuple):
-    """Everything known of an equilibrium: for Python, the kernel returns a plain tuple."""
-
-    scalars: Array  # (4,): energy, residual, stability margin, singularity margin
-    rods: Array  # (legs, 6): the paper's k, psi, mode and rho, then the tip force in the world frame
-    stiffness: Array  # (d, d)
-    jacobian: Array  # (d, legs)
-    morse_index: int
-    is_regular: bool  # whether the Jacobian exists
 
 
 @kernel
@@ -73,7 +60,20 @@ def set_forward_jacobian(legs: Array, x: Array, work: Workspace, jacobian: Array
 def describe_equilibrium(
     legs: Array, x: Array, inputs: Array, load: Array
 ) -> tuple[Array, Array, Array, Array, int, bool]:
-    """Return everything known of the equilibrium `x` at `inputs` under `load`, in the order of `Facts`."""
+    """Return everything known of the equilibrium `x` at `inputs` under `load`.
+
+    Returns
+    -------
+    scalars : array (4,)
+        Energy, residual, stability margin, singularity margin.
+    rods : array (legs, 6)
+        Per rod the paper's k, psi, mode and rho, then the tip force in the world frame.
+    stiffness : array (d, d)
+    jacobian : array (d, legs)
+    index : int
+    is_regular : bool
+        Whether the Jacobian exists.
+    """
     size, leg_count = x.shape[0], legs.shape[0]
     dof = size - 2 * leg_count
     work = make_workspace(leg_count, size)
