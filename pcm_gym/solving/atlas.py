@@ -239,7 +239,7 @@ class Atlas:
     def _problem(self) -> flood.Problem:
         rasters = flat_rasters(self.over_inputs.raster, self.over_poses.raster, self.mechanism)
         load = self.mechanism.units.kernel_from_load(self.load)
-        return flood.new_problem(self.mechanism.leg_table, load, self.rho_max, rasters)
+        return flood.make_problem(self.mechanism.leg_table, load, self.rho_max, rasters)
 
     def _sheets(self, over: Over) -> RasterStates:
         one_of("over", over, list(_SPACES))

@@ -118,7 +118,7 @@ class _Chart:
         self.mechanism, self.load, self.rho_max = mechanism, load, rho_max
         self.over_inputs, self.over_poses = over_inputs, over_poses
         rasters = flat_rasters(over_inputs, over_poses, mechanism)
-        self.problem = flood.new_problem(mechanism.leg_table, mechanism.units.kernel_from_load(load), rho_max, rasters)
+        self.problem = flood.make_problem(mechanism.leg_table, mechanism.units.kernel_from_load(load), rho_max, rasters)
         self.pool = _make_pool(mechanism, over_inputs.size + over_poses.size)
 
     @property

@@ -27,7 +27,7 @@ from pcm_gym.kernels.numerics.rasters import (
     neighbour,
     set_node,
 )
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, new_workspace, place
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.kernels.statics.stability import assess_stability
@@ -69,7 +69,8 @@ class Pool(NamedTuple):
     counts: Integers  # (2,)
 
 
-def new_problem(legs: Array, load: Array, rho_max: float, rasters: Rasters) -> Problem:
+@kernel
+def make_problem(legs: Array, load: Array, rho_max: float, rasters: Rasters) -> Problem:
     """Return the problem with its scratch space."""
     leg_count = legs.shape[0]
     size = 2 * leg_count + load.shape[0]
@@ -79,7 +80,7 @@ def new_problem(legs: Array, load: Array, rho_max: float, rasters: Rasters) -> P
         rho_max,
         rasters,
         make_line(leg_count, size),
-        new_workspace(leg_count, size),
+        make_workspace(leg_count, size),
         np.zeros((4, size)),
         np.zeros((4, leg_count)),
         np.zeros((2, load.shape[0])),
