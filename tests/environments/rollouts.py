@@ -2,6 +2,8 @@
 
 import copy
 import hashlib
+import importlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,13 +20,24 @@ INFO_TYPES = pcm_gym.Info.__annotations__
 COSTS = tuple(name for name in INFO_TYPES if name.startswith("cost_"))
 
 
+def chosen_ids() -> list[str]:
+    """Those of the package, or of the files that a variable names: ``PCM_ENVIRONMENTS=file:id,file:id``."""
+    named = os.environ.get("PCM_ENVIRONMENTS")
+    if named is None:
+        return pcm_gym.environment_ids()
+    files, ids = zip(*(each.split(":") for each in named.split(",")), strict=True)
+    for name in files:
+        importlib.import_module(name)
+    return list(ids)
+
+
 def folding_arguments(environment_id: str) -> dict[str, Any]:
     """Keywords with which the environment can lose stability."""
     return FOLDING.get(mechanism_of(environment_id), {})
 
 
 def mechanism_of(environment_id: str) -> str:
-    return environment_id.removeprefix("PCM/").split("-")[0]
+    return environment_id.rpartition("/")[2].split("-")[0]
 
 
 def make_bare(environment_id: str, **keywords: Any) -> Any:
@@ -122,5 +135,5 @@ def digests_of_all() -> dict[str, list[str]]:
             digest(roll_single(make_bare(environment_id), seed=5, steps=60)),
             digest(roll_batch(make_native(environment_id, 3), seed=5, steps=60)),
         ]
-        for environment_id in pcm_gym.environment_ids()
+        for environment_id in chosen_ids()
     }

@@ -22,6 +22,7 @@ from tests.environments.rollouts import (
     COSTS,
     INFO_TYPES,
     assert_same,
+    chosen_ids,
     digests_of_all,
     folding_arguments,
     leaves,
@@ -34,7 +35,7 @@ from tests.environments.rollouts import (
 )
 
 ROOT = Path(__file__).parents[2]
-IDS = pcm_gym.environment_ids()
+IDS = chosen_ids()
 AUTORESET_MODES = list(AutoresetMode)
 
 pytestmark = pytest.mark.parametrize("environment_id", IDS)
