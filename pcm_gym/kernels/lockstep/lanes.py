@@ -46,7 +46,7 @@ from pcm_gym.kernels.statics.closure import (
     stiffness_share,
     turned,
 )
-from pcm_gym.kernels.statics.newton import ROUNDING, is_last, rod_correction
+from pcm_gym.kernels.statics.newton import CONVERGED, accept_correction, rod_correction
 from pcm_gym.kernels.statics.stability import judge_eigenvalues, negative_directions
 
 # Rows of a block. Its numbers stay in the fastest cache.
@@ -235,7 +235,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
         _set_residual(block, count)
         _solve(block, count)
         _add_step(block, count)
-        if _close_iteration(common, count, STEP_RULES.first_correction if iteration == 0 else math.inf) == 0:
+        if _close_iteration(common, count, iteration == 0) == 0:
             break
     _finish(legs, block, count, dof)
     for lane in range(count):
@@ -490,14 +490,14 @@ def _add_step(block: Block, count: int) -> None:
 
 
 @kernel
-def _close_iteration(common: Array, count: int, largest: float) -> int:
+def _close_iteration(common: Array, count: int, is_first: bool) -> int:
     """Refuse or stop the lanes that `solve_forward_locally` would; return how many still move."""
     moving = 0
     for lane in range(count):
         size, previous, was_moving = common[SIZE + lane], common[PREVIOUS + lane], common[IS_MOVING + lane] > 0.0
-        is_good = (size <= largest) & (size <= max(STEP_RULES.contraction * previous, ROUNDING))
-        is_sound = (common[IS_SOUND + lane] > 0.0) & (is_good | (not was_moving))
-        is_moving = was_moving & is_sound & (not is_last(size, previous))
+        verdict = accept_correction(size, previous, is_first, STEP_RULES)
+        is_sound = (common[IS_SOUND + lane] > 0.0) & ((verdict <= CONVERGED) | (not was_moving))
+        is_moving = was_moving & is_sound & (verdict != CONVERGED)
         common[IS_SOUND + lane] = 1.0 if is_sound else 0.0
         common[IS_MOVING + lane] = 1.0 if is_moving else 0.0
         common[PREVIOUS + lane] = size
