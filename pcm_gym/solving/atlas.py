@@ -236,10 +236,10 @@ class Atlas:
         return "\n".join(lines)
 
     @cached_property
-    def _problem(self) -> flood.Problem:
+    def _charted(self) -> flood.Charted:
         units = self.mechanism.units
         rasters = flat_rasters(self.over_inputs.raster, self.over_poses.raster, self.mechanism)
-        return flood.make_problem(self.mechanism.leg_table, self.load / units.load, self.rho_max, rasters)
+        return flood.Charted(self.mechanism.leg_table, self.load / units.load, self.rho_max, rasters)
 
     def _sheets(self, over: Over) -> RasterStates:
         one_of("over", over, list(_SPACES))
@@ -262,7 +262,7 @@ class Atlas:
         units, states = self.mechanism.units, start.states.copy()
         inputs = start.inputs / units.inputs
         scaled = np.ascontiguousarray(targets / (units.inputs if over == "inputs" else units.pose))
-        is_stable = flood.move_all(self._problem, _SPACES[over], states, inputs, scaled) >= 0.0
+        is_stable = flood.move_all(self._charted, _SPACES[over], states, inputs, scaled) >= 0.0
         moved = StableStates(self.mechanism, self.load, states, inputs * units.inputs, start.branches)
         return moved[is_stable]
 
