@@ -236,10 +236,10 @@ class Atlas:
         return "\n".join(lines)
 
     @cached_property
-    def _problem(self) -> flood.Problem:
+    def _charted(self) -> flood.Charted:
         rasters = flat_rasters(self.over_inputs.raster, self.over_poses.raster, self.mechanism)
         load = self.mechanism.units.kernel_from_load(self.load)
-        return flood.make_problem(self.mechanism.leg_table, load, self.rho_max, rasters)
+        return flood.Charted(self.mechanism.leg_table, load, self.rho_max, rasters)
 
     def _sheets(self, over: Over) -> RasterStates:
         one_of("over", over, list(_SPACES))
@@ -265,7 +265,7 @@ class Atlas:
         inputs = units.kernel_from_inputs(start.inputs)
         to_kernel = units.kernel_from_inputs if over == "inputs" else units.kernel_from_pose
         scaled = np.ascontiguousarray(to_kernel(targets))
-        is_stable = flood.move_all(self._problem, _SPACES[over], states, inputs, scaled) >= 0.0
+        is_stable = flood.move_all(self._charted, _SPACES[over], states, inputs, scaled) >= 0.0
         moved = StableStates(self.mechanism, self.load, states, units.inputs_from_kernel(inputs), start.branches)
         return moved[is_stable]
 

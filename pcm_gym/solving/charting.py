@@ -118,7 +118,7 @@ class _Chart:
         self.mechanism, self.load, self.rho_max = mechanism, load, rho_max
         self.over_inputs, self.over_poses = over_inputs, over_poses
         rasters = flat_rasters(over_inputs, over_poses, mechanism)
-        self.problem = flood.make_problem(mechanism.leg_table, mechanism.units.kernel_from_load(load), rho_max, rasters)
+        self.charted = flood.Charted(mechanism.leg_table, mechanism.units.kernel_from_load(load), rho_max, rasters)
         self.pool = _make_pool(mechanism, over_inputs.size + over_poses.size)
 
     @property
@@ -132,13 +132,13 @@ class _Chart:
         planted = -1
         for found in equilibria:
             state, inputs, _ = found.kernel_values()
-            planted = flood.plant(self.problem, self.pool, state, inputs)
+            planted = flood.plant(self.charted, self.pool, state, inputs)
         return planted
 
     def flood(self, most: int) -> None:
         """Expand up to `most` states."""
         self._make_room((2 * self.mechanism.dof + 1) * most)
-        flood.flood(self.problem, self.pool, most)
+        flood.flood(self.charted, self.pool, most)
 
     def _make_room(self, count: int) -> None:
         capacity = len(self.pool.cell)
@@ -156,7 +156,7 @@ class _Chart:
                 f"mechanism {self.mechanism.name!r} has no stable equilibrium with every rho <= {self.rho_max:g} "
                 "at any of the inputs where one was sought"
             )
-        energies = flood.settle(self.problem.legs, self.problem.load, self.pool) * self.mechanism.units.energy
+        energies = flood.settle(self.charted.legs, self.charted.load, self.pool) * self.mechanism.units.energy
         is_input = self.pool.cell[:count] < self.over_inputs.size
         branches = _numbered(self.pool.parent[:count], is_input)
         return Atlas(

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.branches import continuation, singularity
+from pcm_gym.kernels.branches.continuation import FOLD, INDEX_CHANGE, follow_branch
 from pcm_gym.kernels.branches.curves import Problem, polish
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, new_workspace
+from pcm_gym.kernels.branches.singularity import FORWARD, normal_at
+from pcm_gym.kernels.statics.closure import LOWER, UPPER
+from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism.validation import positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -86,8 +88,6 @@ class _Search:
         self._legs = mechanism.leg_table.copy()
         self._legs[:, LOWER], self._legs[:, UPPER] = -math.inf, math.inf
         _, self._inputs, self._load = equilibrium.kernel_values()
-        self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
-        self._work: Workspace = new_workspace(mechanism.leg_count, mechanism.state_size)
 
     def run(self) -> NearestFold | None:
         hits, reach = [], self._reach
@@ -108,27 +108,24 @@ class _Search:
 
     def _shoot(self, direction: Array, reach: float) -> tuple[float, Array] | None:
         """Return distance and unknowns of the first fold along a unit vector of inputs."""
-        x, inputs, load = np.array(self._start.state), self._inputs.copy(), self._load.copy()
-        target = inputs + reach * direction
-        tracked = continuation.track(self._legs, x, inputs, load, target, self._load, False, self._line, self._work)
-        if tracked.event not in (continuation.FOLD, continuation.INDEX_CHANGE):
+        point = Point(np.array(self._start.state), self._inputs.copy(), self._load.copy())
+        event, _ = follow_branch(self._legs, point, self._inputs + reach * direction, self._load, False)
+        if event not in (FOLD, INDEX_CHANGE):
             return None
-        unknowns = np.concatenate([x, inputs])
-        across = np.zeros((len(inputs) - 1, len(unknowns)))
-        across[:, len(x) :] = _complement(direction)
+        unknowns, size = np.concatenate([point.x, point.inputs]), len(point.x)
+        across = np.zeros((len(point.inputs) - 1, len(unknowns)))
+        across[:, size:] = _complement(direction)
         box = np.tile([-math.inf, math.inf, 0.0], (len(unknowns), 1))
-        problem = Problem(self._load, across[:-1], box, math.inf, singularity.FORWARD, True)
+        problem = Problem(self._load, across[:-1], box, math.inf, FORWARD, True)
         if not polish(self._legs, unknowns, across[-1], problem):
             return None
-        return float(np.linalg.norm(unknowns[len(x) :] - self._inputs)), unknowns
+        return float(np.linalg.norm(unknowns[size:] - self._inputs)), unknowns
 
     def _descend(self, distance: float, unknowns: Array) -> tuple[float, Array]:
         """Turn the ray to this fold towards the fold's normal as long as that makes it shorter."""
         for _ in range(_DESCENT_STEPS):
             direction = (unknowns[-len(self._inputs) :] - self._inputs) / distance
-            normal = np.empty_like(direction)
-            singularity.set_unknowns(self._legs, unknowns, self._work)
-            singularity.set_normal(self._legs, unknowns, singularity.FORWARD, self._work, normal)
+            normal = normal_at(self._legs, unknowns, FORWARD)
             turn = math.copysign(1.0, float(normal @ direction)) * normal - direction
             if np.linalg.norm(turn) < _DIRECTION_TOLERANCE:
                 break

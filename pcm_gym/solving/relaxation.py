@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.snaps.falls import fall
+from pcm_gym.kernels.snaps import snap as kernels
 from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
-from pcm_gym.kernels.statics.closure import new_workspace
+from pcm_gym.kernels.statics.states import Point
 from pcm_gym.solving.equilibrium import Equilibrium
 
 _LARGEST_RESIDUAL = 1e-6
@@ -103,7 +103,7 @@ def snap(equilibrium: Equilibrium) -> Snap:
     """
     if not equilibrium.residual < _LARGEST_RESIDUAL:
         raise ValueError(f"equilibrium must be one, got a state with residual {equilibrium.residual:.3g}")
-    found = _fall(equilibrium)
+    found = _motion_from(equilibrium)
     if found.status == SnapStatus.STAYED and equilibrium.index == 0:
         raise ValueError(
             "equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
@@ -113,20 +113,13 @@ def snap(equilibrium: Equilibrium) -> Snap:
     return found
 
 
-def _fall(equilibrium: Equilibrium) -> Snap:
+def _motion_from(equilibrium: Equilibrium) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
-    state, inputs, load = equilibrium.kernel_values()
-    relaxed, energies = fall(
-        mechanism.leg_table,
-        state,
-        inputs,
-        load,
-        new_workspace(mechanism.leg_count, mechanism.state_size),
-    )
-    status = _STATUSES[relaxed.status]
-    energies = energies * units.energy
+    point = Point(*equilibrium.kernel_values())
+    code, energy_released, energies = kernels.snap(mechanism.leg_table, point)
+    status, energies = _STATUSES[code], energies * units.energy
     energies.setflags(write=False)
     if status != SnapStatus.LANDED:
         return Snap(equilibrium, status, 0.0, energies)
-    landing = Equilibrium.unchecked(mechanism, state, equilibrium.inputs, equilibrium.load)
-    return Snap(landing, status, relaxed.energy_released * units.energy, energies)
+    landing = Equilibrium.unchecked(mechanism, point.x, equilibrium.inputs, equilibrium.load)
+    return Snap(landing, status, energy_released * units.energy, energies)

@@ -6,8 +6,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.kernels.branches import continuation
-from pcm_gym.kernels.statics.closure import new_workspace
+from pcm_gym.kernels.branches.continuation import follow_branch
+from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -79,8 +79,6 @@ class BranchTracker:
         self._mechanism = mechanism
         self._equilibrium = equilibrium
         self._follow_index_changes = follow_index_changes
-        self._line = continuation.make_line(mechanism.leg_count, mechanism.state_size)
-        self._work = new_workspace(mechanism.leg_count, mechanism.state_size)
 
     @property
     def equilibrium(self) -> Equilibrium:
@@ -109,19 +107,15 @@ class BranchTracker:
         mechanism, units, start = self._mechanism, self._mechanism.units, self._equilibrium
         inputs_wanted = mechanism.check_inputs(inputs)
         load_wanted = np.array(start.load) if load is None else mechanism.check_load(load)
-        state, inputs_reached, load_reached = start.kernel_values()
-        tracked = continuation.track(
+        point = Point(*start.kernel_values())
+        event, fraction = follow_branch(
             mechanism.leg_table,
-            state,
-            inputs_reached,
-            load_reached,
+            point,
             units.kernel_from_inputs(inputs_wanted),
             units.kernel_from_load(load_wanted),
             self._follow_index_changes,
-            self._line,
-            self._work,
         )
-        if tracked.fraction < 1.0:
-            inputs_wanted, load_wanted = units.inputs_from_kernel(inputs_reached), units.load_from_kernel(load_reached)
-        self._equilibrium = Equilibrium.unchecked(mechanism, state, inputs_wanted, load_wanted)
-        return TrackedStep(self._equilibrium, EVENTS[tracked.event], tracked.fraction)
+        if fraction < 1.0:
+            inputs_wanted, load_wanted = units.inputs_from_kernel(point.inputs), units.load_from_kernel(point.load)
+        self._equilibrium = Equilibrium.unchecked(mechanism, point.x, inputs_wanted, load_wanted)
+        return TrackedStep(self._equilibrium, EVENTS[event], fraction)

@@ -1,1 +1,21 @@
-"""Branches of equilibria: continuation along a line, singular states, and curves of them."""
+"""Branches of equilibria: continuation along a line, singular states, and curves of them.
+
+To be read in this order:
+
+1. `singularity`: what makes a state singular, and the metric in which changes of the unknowns are measured.
+2. `tracer`: pseudo-arclength continuation of any smooth curve of equilibria.
+3. `continuation`: one branch along a straight line in inputs and load, with its events.
+4. `curves`: singular curves, and the equilibria on a line on which they are sought.
+
+Symbols, the same in all of them:
+
+| symbol | meaning |
+|---|---|
+| x | state: the rods' loads g, and the pose, see `statics.closure` |
+| s | fraction of the way along a line, in [0, 1] |
+| y | unknowns: (x, s) on a line, (x, inputs) on a curve |
+| t, `tangent` | unit tangent at the last point y |
+| M | metric; `border` is M t, so that the plane across the tangent is border . (y' - y) = arc |
+| `arc` | distance along the tangent from the last point |
+| `trial` | point that may become the next one |
+"""

@@ -179,6 +179,15 @@ def set_normal(legs: Array, y: Array, kind: int, work: Workspace, normal: Array)
 
 
 @kernel
+def normal_at(legs: Array, y: Array, kind: int) -> Array:
+    """Return what `set_normal` fills, (legs,), for the singular state `y`."""
+    work, normal = make_workspace(legs.shape[0], y.shape[0] - legs.shape[0]), np.empty(legs.shape[0])
+    set_unknowns(legs, y, work)
+    set_normal(legs, y, kind, work, normal)
+    return normal
+
+
+@kernel
 def fold_sides(legs: Array, y: Array, distance: float) -> tuple[int, int]:
     """Return the Morse indices on the two sides of the fold at `y`, the lesser first.
 

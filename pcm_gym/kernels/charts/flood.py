@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.branches.continuation import NONE, Line, make_line, track
+from pcm_gym.kernels.branches.continuation import NONE, make_line, track
+from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.rasters import (
     INPUTS,
@@ -27,11 +28,11 @@ from pcm_gym.kernels.numerics.rasters import (
     neighbour,
     set_node,
 )
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, place
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.kernels.statics.stability import assess_stability
-from pcm_gym.kernels.statics.states import SAME_STATE, are_same
+from pcm_gym.kernels.statics.states import SAME_STATE, Point, are_same
 
 _INVERSE_RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=10)
 # Into how many pieces the way from a state to a neighbour is cut where it cannot be gone at once.
@@ -41,6 +42,15 @@ _TRIAL, _HERE, _NEXT, _START = range(4)
 _TARGET, _BETWEEN = range(2)
 
 
+class Charted(NamedTuple):
+    """What is charted."""
+
+    legs: Array
+    load: Array  # (d,)
+    rho_max: float
+    rasters: Rasters
+
+
 class Problem(NamedTuple):
     """What is charted, and scratch space."""
 
@@ -48,8 +58,8 @@ class Problem(NamedTuple):
     load: Array
     rho_max: float
     rasters: Rasters
-    line: Line
-    work: Workspace
+    line: Tracer
+    work: Workspace  # that of the line
     x: Array  # (4, size)
     inputs: Array  # (4, legs)
     point: Array  # (2, d)
@@ -70,20 +80,20 @@ class Pool(NamedTuple):
 
 
 @kernel
-def make_problem(legs: Array, load: Array, rho_max: float, rasters: Rasters) -> Problem:
-    """Return the problem with its scratch space."""
-    leg_count = legs.shape[0]
-    size = 2 * leg_count + load.shape[0]
+def _make_problem(charted: Charted) -> Problem:
+    leg_count, dof = charted.legs.shape[0], charted.load.shape[0]
+    size = 2 * leg_count + dof
+    line = make_line(leg_count, size)
     return Problem(
-        legs,
-        load,
-        rho_max,
-        rasters,
-        make_line(leg_count, size),
-        make_workspace(leg_count, size),
+        charted.legs,
+        charted.load,
+        charted.rho_max,
+        charted.rasters,
+        line,
+        line.work,
         np.zeros((4, size)),
         np.zeros((4, leg_count)),
-        np.zeros((2, load.shape[0])),
+        np.zeros((2, dof)),
     )
 
 
@@ -99,7 +109,7 @@ def _largest_load(x: Array, leg_count: int) -> float:
 def move_to_inputs(problem: Problem, x: Array, inputs: Array, target: Array) -> float:
     """Track a stable state to these inputs, in place; return its stability margin there, or -1 where it got lost."""
     load = problem.load
-    tracked = track(problem.legs, x, inputs, load, target, load, False, problem.line, problem.work)
+    tracked = track(problem.legs, Point(x, inputs, load), target, load, False, problem.line)
     if tracked.event != NONE or tracked.morse_index != 0 or _largest_load(x, inputs.shape[0]) > problem.rho_max**2:
         return -1.0
     return tracked.stability_margin
@@ -273,8 +283,9 @@ def _expand(problem: Problem, pool: Pool, state: int) -> None:
 
 
 @kernel
-def flood(problem: Problem, pool: Pool, most: int) -> None:
+def flood(charted: Charted, pool: Pool, most: int) -> None:
     """Expand up to `most` states of the pool; it must have room for 2 d + 1 new ones from each."""
+    problem = _make_problem(charted)
     for _ in range(most):
         if pool.counts[1] == pool.counts[0]:
             return
@@ -283,12 +294,12 @@ def flood(problem: Problem, pool: Pool, most: int) -> None:
 
 
 @kernel
-def plant(problem: Problem, pool: Pool, seed_x: Array, seed_inputs: Array) -> int:
+def plant(charted: Charted, pool: Pool, seed_x: Array, seed_inputs: Array) -> int:
     """Enter a stable equilibrium at the nearest node of each raster; return a state of the pool, or -1.
 
     The pool must have room for two states.
     """
-    planted, leg_count = NOWHERE, seed_inputs.shape[0]
+    problem, planted, leg_count = _make_problem(charted), NOWHERE, seed_inputs.shape[0]
     x, inputs = problem.x[_TRIAL], problem.inputs[_TRIAL]
     for space in (POSES, INPUTS):
         cell = nearest_cell(problem.rasters, space, seed_inputs if space == INPUTS else seed_x[2 * leg_count :])
@@ -313,9 +324,9 @@ def settle(legs: Array, load: Array, pool: Pool) -> Array:
 
 
 @kernel
-def move_all(problem: Problem, space: int, x: Array, inputs: Array, targets: Array) -> Array:
+def move_all(charted: Charted, space: int, x: Array, inputs: Array, targets: Array) -> Array:
     """Move states (n, size) in place to inputs or poses (n, d); return their margins, -1 where one got lost."""
-    margins = np.empty(x.shape[0])
+    problem, margins = _make_problem(charted), np.empty(x.shape[0])
     for n in range(x.shape[0]):
         if space == INPUTS:
             margins[n] = move_to_inputs(problem, x[n], inputs[n], targets[n])

@@ -3,15 +3,15 @@
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.branches.continuation import NONE, Line, make_line, track_in_one_step
+from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_step
+from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
-from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.statics.states import Point, States
 
 
 @kernel
@@ -22,7 +22,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
     the stable branch or come nearer to a fold than `least_margin`. So whoever repeats the walk meets neither.
     """
     all_count, size = states.x.shape
-    line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
+    line, block = make_line(legs.shape[0], size), make_block(legs.shape[0])
     goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
     rows = np.arange(all_count)
     count = _keep_walking(states, targets, left, rows, all_count)
@@ -44,7 +44,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
                 made = min(part[row], left[row])
                 if is_refused:
                     _set_goal(states.inputs[row], targets[row], stride, made, goal)
-                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
+                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line)
                 else:
                     is_kept = _is_kept(block.common[0], lane, least_margin)
                     if is_kept:
@@ -70,13 +70,11 @@ def _set_goal(inputs: Array, target: Array, stride: Array, part: float, goal: Ar
 
 
 @kernel
-def _walk_alone(
-    legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Line, work: Workspace
-) -> bool:
+def _walk_alone(legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Tracer) -> bool:
     """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
-    x, inputs, load = states.x[row].copy(), states.inputs[row].copy(), states.load[row]
-    tracked = track_in_one_step(legs, x, inputs, load, goal, line, work)
-    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, x, work) < least_margin:
+    x, inputs = states.x[row].copy(), states.inputs[row].copy()
+    tracked = track_in_one_step(legs, Point(x, inputs, states.load[row]), goal, line)
+    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, x, line.work) < least_margin:
         return False
     states.x[row], states.inputs[row] = x, inputs
     return True

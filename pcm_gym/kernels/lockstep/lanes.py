@@ -56,7 +56,7 @@ from pcm_gym.kernels.statics.formulas import (
     stiffness_share,
     turned,
 )
-from pcm_gym.kernels.statics.newton import ROUNDING, is_last
+from pcm_gym.kernels.statics.newton import CONVERGED, accept_correction
 
 # Lanes that one vector instruction serves where vectors are longest. A block is filled up to a multiple of it with
 # copies of its last lane, unless a single lane is left over: the lanes behind the last vector are computed one by one.
@@ -131,7 +131,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
         _set_residual(block, count)
         _solve(block, count)
         _add_step(block, count)
-        if _close_iteration(common, count, STEP_RULES.first_correction if iteration == 0 else math.inf) == 0:
+        if _close_iteration(common, count, iteration == 0) == 0:
             break
     _finish(legs, block, count, dof)
     for lane in range(count):
@@ -304,14 +304,14 @@ def _add_step(block: Block, count: int) -> None:
 
 
 @kernel
-def _close_iteration(common: CommonLanes, count: int, largest: float) -> int:
+def _close_iteration(common: CommonLanes, count: int, is_first: bool) -> int:
     """Refuse or stop the lanes that `solve_forward_locally` would; return how many still move."""
     moving = 0
     for lane in range(count):
         size, previous, was_moving = common.size[lane], common.previous[lane], common.is_moving[lane] > 0.0
-        is_good = (size <= largest) & (size <= max(STEP_RULES.contraction * previous, ROUNDING))
-        is_sound = (common.is_sound[lane] > 0.0) & (is_good | (not was_moving))
-        is_moving = was_moving & is_sound & (not is_last(size, previous))
+        verdict = accept_correction(size, previous, is_first, STEP_RULES)
+        is_sound = (common.is_sound[lane] > 0.0) & ((verdict <= CONVERGED) | (not was_moving))
+        is_moving = was_moving & is_sound & (verdict != CONVERGED)
         common.is_sound[lane] = 1.0 if is_sound else 0.0
         common.is_moving[lane] = 1.0 if is_moving else 0.0
         common.previous[lane] = size

@@ -34,6 +34,7 @@ from pcm_gym.kernels.statics.closure import (
     Workspace,
     evaluate_rods,
 )
+from pcm_gym.kernels.statics.newton import contracts
 from pcm_gym.kernels.statics.stability import Stability, judge_stiffness
 
 # Rows of the table of a rod's nodes: the tangent's angle from the clamp's, its cosine and sine in the world; all three
@@ -248,7 +249,7 @@ def find_minimum(legs: Array, load: Array, hardness: float, moving: MovingRods, 
             moving.pose[NOW, d] += moving.pose[CHANGE, d]
         if size < _LAST_CORRECTION:
             return True
-        if size > min(_LARGEST_CORRECTION, max(_LARGEST_RISE * previous, _SMALL_CORRECTION)):
+        if size > _LARGEST_CORRECTION or not contracts(size, previous, _LARGEST_RISE, _SMALL_CORRECTION):
             return False
         previous = size
     return False

@@ -1,4 +1,4 @@
-"""Where a mechanism falls from a fold or an unstable equilibrium: down the energy of its whole rods, overdamped."""
+"""Where a mechanism snaps to from a fold or an unstable equilibrium: down the energy of its whole rods, overdamped."""
 
 import math
 from typing import NamedTuple
@@ -28,6 +28,7 @@ from pcm_gym.kernels.statics.closure import FORCE_X, FORCE_Y, Workspace, evaluat
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.statics.stability import assess_stability
+from pcm_gym.kernels.statics.states import Point
 
 # How a relaxation ended; the last two are used inside alone.
 LANDED, STAYED, NOT_RESOLVED, NOT_SETTLED, NOT_POLISHED, _MOVING, _AT_SADDLE = range(7)
@@ -69,37 +70,31 @@ class RelaxationRules(NamedTuple):
     steps: int = 400
 
 
-class Relaxed(NamedTuple):
-    """How a relaxation ended."""
-
-    status: int
-    steps: int
-    energy_released: float
-
-
 @kernel
 def relax(
-    legs: Array, x: Array, inputs: Array, load: Array, rules: RelaxationRules, moving: MovingRods, work: Workspace
-) -> Relaxed:
-    """Let the mechanism fall from the equilibrium `x`, a fold or an unstable one; `x` becomes where it lands.
+    legs: Array, point: Point, rules: RelaxationRules, moving: MovingRods, work: Workspace
+) -> tuple[int, int, float]:
+    """Let the mechanism snap from an equilibrium, a fold or an unstable one, and put where it lands into the point.
 
-    Where it does not land, `x` is left alone. `moving` must have room for the steps of the rules. The rod table belongs
-    to no particular state afterwards.
+    Returns a status, the steps of the motion and the energy released. Where the mechanism does not land, the point is
+    left alone. `moving` must have room for the steps of the rules. The rod table belongs to no particular state
+    afterwards.
     """
-    set_inputs(legs, inputs, work)
+    x, load = point.x, point.load
+    set_inputs(legs, point.inputs, work)
     moving.x[:] = x
     steps = 0
     for _ in range(_MOST_ESCAPES):
         status = _disturb(legs, load, moving, work)
         if status == _MOVING:
-            status, steps = _descend(legs, inputs, load, rules, steps, moving, work)
+            status, steps = _descend(legs, point, rules, steps, moving, work)
         if status == LANDED:
             released = total_energy(legs, x, load) - total_energy(legs, moving.x, load)
             x[:] = moving.x
-            return Relaxed(LANDED, steps, released)
+            return LANDED, steps, released
         if status != _AT_SADDLE:
-            return Relaxed(status, steps, 0.0)
-    return Relaxed(NOT_SETTLED, steps, 0.0)
+            return status, steps, 0.0
+    return NOT_SETTLED, steps, 0.0
 
 
 @kernel
@@ -213,15 +208,10 @@ def _sign(moving: MovingRods) -> float:
 
 @kernel
 def _descend(
-    legs: Array,
-    inputs: Array,
-    load: Array,
-    rules: RelaxationRules,
-    steps: int,
-    moving: MovingRods,
-    work: Workspace,
+    legs: Array, point: Point, rules: RelaxationRules, steps: int, moving: MovingRods, work: Workspace
 ) -> tuple[int, int]:
     """Follow the motion until it rests, put the equilibrium there into `moving.x`; return a status and the steps."""
+    load = point.load
     time, growth, energy = _FIRST_STEP, _LARGEST_GROWTH, energy_of(legs, load, moving)
     moving.energies[steps] = energy
     while steps < rules.steps and time > _LEAST_STEP:
@@ -240,7 +230,7 @@ def _descend(
         is_longest = not is_accepted or growth < _LARGEST_GROWTH
         is_at_rest = is_found and is_longest and movement < _AT_REST
         if is_at_rest or (is_accepted and movement < _SLOW):
-            index = _polish(legs, inputs, load, energy, is_at_rest, moving, work)
+            index = _polish(legs, point, energy, is_at_rest, moving, work)
             if index >= 0:
                 return (LANDED if index == 0 else _AT_SADDLE), steps
             if is_at_rest:
@@ -254,24 +244,22 @@ def _descend(
 
 
 @kernel
-def _polish(
-    legs: Array, inputs: Array, load: Array, energy: float, is_at_rest: bool, moving: MovingRods, work: Workspace
-) -> int:
+def _polish(legs: Array, point: Point, energy: float, is_at_rest: bool, moving: MovingRods, work: Workspace) -> int:
     """Put the exact equilibrium near the moving rods into `moving.x`; return its index, or -1 if it is not their goal.
 
     A stable one is the goal if the energy is convex where the rods are and falls on the way there; an unstable one
     only if the rods are at rest.
     """
-    if not is_at_rest and factorise_at(legs, load, 0.0, moving, work).morse_index > 0:
+    if not is_at_rest and factorise_at(legs, point.load, 0.0, moving, work).morse_index > 0:
         return -1
     x = moving.x
     for i in range(legs.shape[0]):
         x[2 * i], x[2 * i + 1] = tip_load(legs, i, moving, work)
     x[2 * legs.shape[0] :] = moving.pose[NOW]
-    if solve_forward_locally(legs, inputs, load, x, _POLISH_RULES, work) != CONVERGED:
+    if solve_forward_locally(legs, point.inputs, point.load, x, _POLISH_RULES, work) != CONVERGED:
         return -1
     evaluate_rods(legs, x, work)
-    if not _is_near(moving, work) or total_energy(legs, x, load) > energy + _ENERGY_TOLERANCE:
+    if not _is_near(moving, work) or total_energy(legs, x, point.load) > energy + _ENERGY_TOLERANCE:
         return -1
     index = assess_stability(legs, x, work).morse_index
     return index if index == 0 or is_at_rest else -1

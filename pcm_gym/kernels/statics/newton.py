@@ -23,6 +23,8 @@ from pcm_gym.kernels.statics.closure import (
 from pcm_gym.kernels.statics.formulas import rod_correction
 
 CONVERGED, TOO_FAR, DIVERGED, SINGULAR, ITERATION_LIMIT = range(5)
+# Verdict on a correction that is accepted and not the last.
+GOES_ON = -1
 
 # Newton's method stops when the correction after the present one is expected to be below this.
 LAST_CORRECTION = 1e-13
@@ -49,6 +51,32 @@ def is_last(size: float, previous: float) -> bool:
     """
     ratio = size / previous if (size < previous) & (previous < math.inf) else 1.0
     return size * ratio * ratio < LAST_CORRECTION
+
+
+@formula
+def contracts(size: float, previous: float, contraction: float, small: float) -> bool:
+    """Return whether a correction is at most `contraction` times the previous one, or so small that this says nothing.
+
+    One that is infinite or not a number is not.
+    """
+    return (size <= max(contraction * previous, small)) & (size < math.inf)
+
+
+@formula
+def accept_correction(size: float, previous: float, is_first: bool, rules: NewtonRules) -> int:
+    """Return the verdict on a correction of this size after the previous one (inf: none): how it ends, or `GOES_ON`.
+
+    Accepted are the verdicts up to `CONVERGED`; a correction is refused before it is made.
+    """
+    accepted = CONVERGED if is_last(size, previous) else GOES_ON
+    verdict = accepted if contracts(size, previous, rules.contraction, ROUNDING) else DIVERGED
+    return TOO_FAR if is_first & (size > rules.first_correction) else verdict
+
+
+@formula
+def accepted_part(size: float, rules: NewtonRules) -> float:
+    """Return the part of a correction of this size that is made."""
+    return min(1.0, rules.largest_step / size) if size > 0.0 else 1.0
 
 
 @kernel
@@ -89,14 +117,13 @@ def solve_forward_locally(
         if not solve_equilibrium_system(legs, x, work.residual, work):
             return SINGULAR
         size = correction_size(legs, x, work)
-        if iteration == 0 and size > rules.first_correction:
-            return TOO_FAR
-        if not size <= max(rules.contraction * previous, ROUNDING) or size == math.inf:
-            return DIVERGED
-        part = min(1.0, rules.largest_step / size) if size > 0.0 else 1.0
+        verdict = accept_correction(size, previous, iteration == 0, rules)
+        if verdict > CONVERGED:
+            return verdict
+        part = accepted_part(size, rules)
         for j in range(x.shape[0]):
             x[j] += part * work.step[j]
-        if part == 1.0 and is_last(size, previous):
+        if part == 1.0 and verdict == CONVERGED:
             return CONVERGED
         if math.hypot(x[pose] - start_x, x[pose + 1] - start_y) > rules.reach:
             return TOO_FAR
@@ -124,16 +151,15 @@ def solve_inverse_locally(
             work.step[j] = work.vector[j] if j < pose else 0.0
             largest_input = max(largest_input, abs(work.vector[j]) if j >= pose else 0.0)
         correction = max(correction_size(legs, x, work), largest_input)
-        if iteration == 0 and correction > rules.first_correction:
-            return TOO_FAR
-        if not correction <= max(rules.contraction * previous, ROUNDING) or correction == math.inf:
-            return DIVERGED
-        part = min(1.0, rules.largest_step / correction) if correction > 0.0 else 1.0
+        verdict = accept_correction(correction, previous, iteration == 0, rules)
+        if verdict > CONVERGED:
+            return verdict
+        part = accepted_part(correction, rules)
         for j in range(pose):
             x[j] += part * work.step[j]
         for i in range(legs.shape[0]):
             inputs[i] += part * work.vector[pose + i]
-        if part == 1.0 and is_last(correction, previous):
+        if part == 1.0 and verdict == CONVERGED:
             return CONVERGED
         previous = correction if part == 1.0 else math.inf
     return ITERATION_LIMIT

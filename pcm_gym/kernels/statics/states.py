@@ -18,6 +18,14 @@ class States(NamedTuple):
     load: Array  # (n, d)
 
 
+class Point(NamedTuple):
+    """One row of `States`: a state at inputs and under a load, to be moved in place."""
+
+    x: Array  # (size,)
+    inputs: Array  # (legs,)
+    load: Array  # (d,)
+
+
 @kernel
 def are_same(x: Array, other: Array, leg_count: int) -> bool:
     """Return whether two states at the same inputs, or with the same inputs at the same pose, are one."""

@@ -11,7 +11,7 @@ from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
 from pcm_gym.kernels.statics.margin import singularity_margin
-from pcm_gym.kernels.statics.states import States
+from pcm_gym.kernels.statics.states import Point, States
 from pcm_gym.kernels.stepping.features import see_block, set_features
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, make_seen, report_lane, report_row
 
@@ -140,19 +140,19 @@ def step_alone(
 ) -> None:
     """Do what `step_batch` does, row by row, with all that `track` can do."""
     size = states.x.shape[1]
-    line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
+    line = make_line(legs.shape[0], size)
     x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, states.inputs, moves.actions, row, moves.stride, target)
-        tracked = advance(legs, x, inputs, load, target, rules.behaviour, line, work)
+        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, line)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
-            place(legs, x, inputs, work)
-            tracked = judge(legs, x, load, tracked.event, 0.0, work)
-        set_features(legs, x, inputs, work, report.features[row])
-        report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
+            place(legs, x, inputs, line.work)
+            tracked = judge(legs, x, load, tracked.event, 0.0, line.work)
+        set_features(legs, x, inputs, line.work, report.features[row])
+        report_row(row, tracked, singularity_margin(legs, x, line.work), is_cut, rules, report)
 
 
 @kernel

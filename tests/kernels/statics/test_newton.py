@@ -7,7 +7,7 @@ import pytest
 
 from pcm_gym.kernels.statics import newton
 from pcm_gym.kernels.statics.closure import make_workspace
-from pcm_gym.kernels.statics.newton import NewtonRules, solve_forward_locally, solve_inverse_locally
+from pcm_gym.kernels.statics.newton import NewtonRules, accept_correction, solve_forward_locally, solve_inverse_locally
 from pcm_gym.solving import Equilibrium
 from tests.reference.mechanisms import FAMILIES, home_by_construction, random_mechanism
 
@@ -39,6 +39,28 @@ class Problem:
 @pytest.fixture(params=FAMILIES)
 def problem(request: pytest.FixtureRequest) -> Problem:
     return Problem(home_by_construction(request.param))
+
+
+@pytest.mark.parametrize(
+    ("size", "previous", "is_first", "verdict"),
+    [
+        (0.04, math.inf, True, newton.GOES_ON),
+        (0.06, math.inf, True, newton.TOO_FAR),
+        (0.06, math.inf, False, newton.GOES_ON),  # after a shortened correction there is none to compare with
+        (0.01, 0.04, False, newton.DIVERGED),
+        (0.008, 0.04, False, newton.GOES_ON),
+        (9e-13, 1e-12, False, newton.GOES_ON),  # no contraction, but rounding
+        (1e-6, 1e-2, False, newton.CONVERGED),
+        (0.0, math.inf, True, newton.CONVERGED),
+        (math.inf, math.inf, False, newton.DIVERGED),
+        (math.nan, 0.04, False, newton.DIVERGED),
+    ],
+)
+def test_a_correction_is_judged_by_size_and_contraction(
+    size: float, previous: float, is_first: bool, verdict: int
+) -> None:
+    rules = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
+    assert accept_correction(size, previous, is_first, rules) == verdict
 
 
 class TestForward:
