@@ -15,7 +15,6 @@ from scipy.special import ellipeinc, ellipj
 
 from benchmarks.problems import Problem
 from pcm_gym.arrays import Array, Mask
-from pcm_gym.mechanism import Revolute
 from pcm_gym.solving import Equilibrium
 
 Points = NDArray[np.complex128]
@@ -50,8 +49,8 @@ class Equations:
         self._force_units = np.array([rod.bending_stiffness / rod.length**2 for rod in rods]) / mechanism.units.force
         self._bases = np.array([complex(*actuator.base) for actuator in actuators]) / length
         self._angles = np.array([actuator.clamp_angle for actuator in actuators])
-        self._turns = np.array([isinstance(actuator, Revolute) for actuator in actuators])
-        self._axes = np.array([0.0 if isinstance(a, Revolute) else np.exp(1j * a.axis_angle) for a in actuators])
+        self._turns = np.array([actuator.is_angle for actuator in actuators])
+        self._axes = np.array([complex(*actuator.axis) for actuator in actuators])
         self._arms = np.array([complex(*leg.attachment) for leg in mechanism.legs]) / length
         self._load = problem.load / mechanism.units.load
         self._given = problem.given / (mechanism.units.pose if problem.is_inverse else mechanism.units.inputs)

@@ -103,10 +103,9 @@ def _frame(equilibrium: pcm_gym.Equilibrium, goal: NDArray[np.float64], info: Ma
 
 def _actuator(actuator: pcm_gym.Revolute | pcm_gym.Prismatic) -> Json:
     base = np.array(actuator.base, dtype=np.float64)
-    if isinstance(actuator, pcm_gym.Revolute):
+    if actuator.is_angle:
         return {"kind": "revolute", "base": _whole(base)}
-    axis = np.array([np.cos(actuator.axis_angle), np.sin(actuator.axis_angle)])
-    return {"kind": "prismatic", "rail": [_whole(base + limit * axis) for limit in actuator.limits]}
+    return {"kind": "prismatic", "rail": [_whole(base + limit * np.array(actuator.axis)) for limit in actuator.limits]}
 
 
 def _whole(lengths: NDArray[np.float64]) -> Any:
