@@ -16,7 +16,6 @@ from pcm_gym.kernels.branches.tracer import (
     REGULAR,
     Bracket,
     BracketRules,
-    Family,
     Tracer,
     accept,
     make_tracer,
@@ -27,12 +26,13 @@ from pcm_gym.kernels.branches.tracer import (
     set_parameters,
     start,
 )
-from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.closure import (
     LOWER,
     UPPER,
     Workspace,
     evaluate_rods,
+    make_workspace,
     place,
     set_path_derivative,
     set_residual,
@@ -84,46 +84,44 @@ class Tracked(NamedTuple):
 @kernel
 def make_line(leg_count: int, size: int) -> Tracer:
     """Return a tracer along lines for `leg_count` legs and a state of `size` numbers."""
-    dof = size - 2 * leg_count
-    family = Family(
-        np.zeros(leg_count),
-        np.zeros(dof),
-        np.zeros((1, leg_count)),
-        np.zeros((1, dof)),
-        np.zeros((0, size + 1)),
-        REGULAR,
-        True,
-    )
-    return make_tracer(family, size)
+    return make_tracer(leg_count, size, np.zeros((0, size + 1)), REGULAR, True)
 
 
 @kernel
 def track(
-    legs: Array, point: Point, inputs_target: Array, load_target: Array, follow_index_changes: bool, line: Tracer
+    legs: Array,
+    point: Point,
+    inputs_target: Array,
+    load_target: Array,
+    follow_index_changes: bool,
+    line: Tracer,
+    work: Workspace,
 ) -> Tracked:
     """Follow the branch through a point towards the target; the point is changed in place.
 
-    It ends at the target, or at the last state before the event that stopped the way; the rod table of the line is
+    It ends at the target, or at the last state before the event that stopped the way; the rod table becomes
     that of its end. With `follow_index_changes` a change of index where the branch goes on (a bifurcation of a
     symmetric mechanism) does not stop it.
     """
     _set_ends(point, inputs_target, load_target, line)
     reach = _reach(legs, line)
-    event = _follow(legs, reach, line)
-    while event == INDEX_CHANGE and follow_index_changes and _cross(legs, reach, line):
-        event = _follow(legs, reach, line)
+    while True:
+        event = _follow(legs, reach, line, work)
+        if event != INDEX_CHANGE or not follow_index_changes or not _cross(legs, reach, line, work):
+            break
     fraction = float(line.y[-1])
-    point.x[:] = line.y[:-1]
-    if fraction == 1.0:
-        point.inputs[:], point.load[:] = inputs_target, load_target
-    else:
-        set_parameters(line.y, line)
-        point.inputs[:], point.load[:] = line.inputs, line.load
+    set_parameters(line.y, line)
+    for j in range(point.x.shape[0]):
+        point.x[j] = line.y[j]
+    for i in range(point.inputs.shape[0]):
+        point.inputs[i] = inputs_target[i] if fraction == 1.0 else line.inputs[i]
+    for d in range(point.load.shape[0]):
+        point.load[d] = load_target[d] if fraction == 1.0 else line.load[d]
     if event != NONE:  # else the rod table is that of x already
-        place(legs, point.x, point.inputs, line.work)
+        place(legs, point.x, point.inputs, work)
     elif reach < 1.0:
         event = ACTUATOR_LIMIT
-    return judge(legs, point.x, point.load, event, fraction, line.work)
+    return judge(legs, point.x, point.load, event, fraction, work)
 
 
 @kernel
@@ -131,20 +129,21 @@ def follow_branch(
     legs: Array, point: Point, inputs_target: Array, load_target: Array, follow_index_changes: bool
 ) -> tuple[int, float]:
     """Do what `track` does for callers outside compiled code; return the event and the fraction."""
-    line = make_line(legs.shape[0], point.x.shape[0])
-    tracked = track(legs, point, inputs_target, load_target, follow_index_changes, line)
+    leg_count, size = legs.shape[0], point.x.shape[0]
+    line, work = make_line(leg_count, size), make_workspace(leg_count, size)
+    tracked = track(legs, point, inputs_target, load_target, follow_index_changes, line, work)
     return tracked.event, tracked.fraction
 
 
 @kernel
-def track_in_one_step(legs: Array, point: Point, inputs_target: Array, line: Tracer) -> Tracked:
+def track_in_one_step(legs: Array, point: Point, inputs_target: Array, line: Tracer, work: Workspace) -> Tracked:
     """Go to the target in one natural step and change the point; or leave it, with `SOLVER_FAILURE`."""
     _set_ends(point, inputs_target, point.load, line)
-    index, is_regular = _start_naturally(legs, line)
-    if not (is_regular and _step_naturally(legs, 1.0, line) == index):
-        return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, line.work)
-    point.x[:], point.inputs[:] = line.trial[:-1], inputs_target
-    return judge(legs, point.x, point.load, NONE, 1.0, line.work)
+    index, is_regular = _start_naturally(legs, line, work)
+    if not (is_regular and _step_naturally(legs, 1.0, line, work) == index):
+        return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, work)
+    point.x[:], point.inputs[:] = line.trial_x, inputs_target
+    return judge(legs, point.x, point.load, NONE, 1.0, work)
 
 
 @kernel
@@ -155,22 +154,24 @@ def judge(legs: Array, x: Array, load: Array, event: int, fraction: float, work:
     return Tracked(event, fraction, verdict.morse_index, verdict.stability_margin, max(closure_error, force_error))
 
 
-@kernel
+@formula
 def _set_ends(point: Point, inputs_target: Array, load_target: Array, line: Tracer) -> None:
     """Let the line lead from the point, where `y` becomes (x, 0), to the target."""
-    family = line.family
-    family.inputs[:], family.load[:] = point.inputs, point.load
-    np.subtract(inputs_target, point.inputs, family.input_rates[0])
-    np.subtract(load_target, point.load, family.load_rates[0])
-    line.y[:-1], line.y[-1] = point.x, 0.0
+    for i in range(point.inputs.shape[0]):
+        line.first_inputs[i], line.input_rates[0, i] = point.inputs[i], inputs_target[i] - point.inputs[i]
+    for d in range(point.load.shape[0]):
+        line.first_load[d], line.load_rates[0, d] = point.load[d], load_target[d] - point.load[d]
+    for j in range(point.x.shape[0]):
+        line.y[j] = point.x[j]
+    line.y[-1] = 0.0
 
 
-@kernel
+@formula
 def _reach(legs: Array, line: Tracer) -> float:
     """Return the fraction at which the first actuator meets its limit; an input already outside may move inwards."""
     reach = 1.0
     for i in range(legs.shape[0]):
-        rate, first = line.family.input_rates[0, i], line.family.inputs[i]
+        rate, first = line.input_rates[0, i], line.first_inputs[i]
         if rate > 0.0 and first + rate > legs[i, UPPER]:
             reach = min(reach, max(0.0, (legs[i, UPPER] - first) / rate))
         elif rate < 0.0 and first + rate < legs[i, LOWER]:
@@ -178,78 +179,80 @@ def _reach(legs: Array, line: Tracer) -> float:
     return reach
 
 
-@kernel
-def _follow(legs: Array, reach: float, line: Tracer) -> int:
+@formula
+def _follow(legs: Array, reach: float, line: Tracer, work: Workspace) -> int:
     """Follow the branch with constant index from `y` to the fraction `reach`; return the event that ends it.
 
     Leaves `y` where it ends, and the rod table, if that is the end of the way.
     """
     y = line.y
     step = reach - y[-1]
-    index, is_regular = _start_naturally(legs, line)
+    index, is_regular = _start_naturally(legs, line, work)
     for _ in range(_RULES.natural_steps):
         if y[-1] >= reach:
             return NONE
         end = y[-1] + step if step < (reach - y[-1]) * (1.0 - 1e-12) else reach
-        if is_regular and _step_naturally(legs, end, line) == index:
-            y[:] = line.trial
+        if is_regular and _step_naturally(legs, end, line, work) == index:
+            for j in range(y.shape[0]):
+                y[j] = line.trial[j]
             step *= 2.0
             if end < reach:
-                is_regular = _set_natural_tangent(legs, line)
+                is_regular = _set_natural_tangent(legs, line, work)
         elif is_regular and step > _RULES.least_natural_step:
             step *= 0.5
         else:
-            return _follow_by_arclength(legs, reach, index, line)
+            return _follow_by_arclength(legs, reach, index, line, work)
     return SOLVER_FAILURE
 
 
-@kernel
-def _start_naturally(legs: Array, line: Tracer) -> tuple[int, bool]:
+@formula
+def _start_naturally(legs: Array, line: Tracer, work: Workspace) -> tuple[int, bool]:
     """Set rod table and tangent of `y`; return its index, and whether there is a tangent."""
-    place_at(legs, line.y, line)
-    is_regular = _set_natural_tangent(legs, line)
-    return assess_stability(legs, line.y[:-1], line.work).morse_index, is_regular
+    place_at(legs, line.y, line, work)
+    is_regular = _set_natural_tangent(legs, line, work)
+    return assess_stability(legs, line.x, work).morse_index, is_regular
 
 
-@kernel
-def _set_natural_tangent(legs: Array, line: Tracer) -> bool:
+@formula
+def _set_natural_tangent(legs: Array, line: Tracer, work: Workspace) -> bool:
     """Fill the tangent at `y`, whose rod table is set, with d y / d s; return whether there is one."""
-    x, rate = line.y[:-1], line.vector[:-1]
-    set_path_derivative(legs, x, line.family.input_rates[0], line.family.load_rates[0], line.work, rate)
-    is_regular = solve_equilibrium_system(legs, x, rate, line.work)
-    line.tangent[:-1], line.tangent[-1] = line.work.step, 1.0
+    set_path_derivative(legs, line.x, line.input_rates[0], line.load_rates[0], work, work.residual)
+    is_regular = solve_equilibrium_system(legs, line.x, work.residual, work)
+    for j in range(work.step.shape[0]):
+        line.tangent[j] = work.step[j]
+    line.tangent[-1] = 1.0
     return is_regular
 
 
-@kernel
-def _step_naturally(legs: Array, end: float, line: Tracer) -> int:
+@formula
+def _step_naturally(legs: Array, end: float, line: Tracer, work: Workspace) -> int:
     """Put the state at the fraction `end` into the trial; return its index, or `_LOST`."""
     way = end - line.y[-1]
-    for j in range(line.work.step.shape[0]):
+    for j in range(work.step.shape[0]):
         line.trial[j] = line.y[j] + way * line.tangent[j]
     line.trial[-1] = end
-    return _correct_state(legs, line)
+    return _correct_state(legs, line, work)
 
 
-@kernel
-def _correct_state(legs: Array, line: Tracer) -> int:
+@formula
+def _correct_state(legs: Array, line: Tracer, work: Workspace) -> int:
     """Correct the trial's state at its fraction and set its rod table; return its index, or `_LOST`."""
-    x = line.trial[:-1]
+    x = line.trial_x
     set_parameters(line.trial, line)
-    if solve_forward_locally(legs, line.inputs, line.load, x, STEP_RULES, line.work) != CONVERGED:
+    if solve_forward_locally(legs, line.inputs, line.load, x, STEP_RULES, work) != CONVERGED:
         return _LOST
-    evaluate_rods(legs, x, line.work)
-    return assess_stability(legs, x, line.work).morse_index
+    evaluate_rods(legs, x, work)
+    return assess_stability(legs, x, work).morse_index
 
 
 @kernel
-def _cross(legs: Array, reach: float, line: Tracer) -> bool:
+def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
     """Step over a change of index with the tangent before it; return whether that succeeded."""
-    index, _ = _start_naturally(legs, line)
+    index, _ = _start_naturally(legs, line, work)
     end, step = line.y[-1], _RULES.first_crossing
     while end < reach:
         end = min(line.y[-1] + step, reach)
-        index_beyond = _step_naturally(legs, end, line)
+        index_beyond = _step_naturally(legs, end, line, work)
         if index_beyond not in (_LOST, index):
             line.y[:] = line.trial
             return True
@@ -258,24 +261,24 @@ def _cross(legs: Array, reach: float, line: Tracer) -> bool:
 
 
 @kernel
-def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer) -> int:
+def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, work: Workspace) -> int:
     """Do what `_follow` does, by steps of arc length."""
     line.border[:] = 0.0
     line.border[-1] = 1.0
-    if not start(legs, 1.0, line):
+    if not start(legs, 1.0, line, work):
         return SOLVER_FAILURE
     arc, is_refused_for_index, refused_at = _RULES.first_arc, False, math.inf
     for _ in range(_RULES.arc_steps):
         if arc < _RULES.least_arc:
             break
-        outcome = _step_by_arc(legs, arc, reach, index, line)
+        outcome = _step_by_arc(legs, arc, reach, index, line, work)
         if outcome == _AT_FOLD:
             return FOLD
         if outcome == _AT_END:
             return NONE
         if outcome == _TAKEN:
             is_refused_for_index = is_refused_for_index and line.trial[-1] < refused_at
-            accept(legs, line)
+            accept(legs, line, work)
             arc = min(2.0 * arc, _RULES.largest_arc)
             continue
         if outcome == _OTHER_INDEX:
@@ -285,12 +288,12 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer) ->
 
 
 @kernel
-def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer) -> int:
+def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer, work: Workspace) -> int:
     """Put the point at `arc` into the trial, or that at the fold or the end before it into `y`; return which."""
-    if not move(legs, arc, STEP_RULES, line):
+    if not move(legs, arc, STEP_RULES, line, work):
         return _REFUSED
     if line.trial_tangent[-1] <= 0.0:
-        fold = _locate_fold(legs, arc, index, line)
+        fold = _locate_fold(legs, arc, index, line, work)
         if fold[-1] > reach:
             return _REFUSED
         line.y[:] = fold
@@ -301,27 +304,27 @@ def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer
     if cosine < _RULES.least_cosine:
         return _REFUSED
     if line.trial[-1] >= reach:
-        return _AT_END if _step_back_to(legs, reach, index, line) else _REFUSED
-    if assess_stability(legs, line.trial[:-1], line.work).morse_index != index:
+        return _AT_END if _step_back_to(legs, reach, index, line, work) else _REFUSED
+    if assess_stability(legs, line.trial_x, work).morse_index != index:
         return _OTHER_INDEX
     return _TAKEN
 
 
 @kernel
-def _step_back_to(legs: Array, reach: float, index: int, line: Tracer) -> bool:
+def _step_back_to(legs: Array, reach: float, index: int, line: Tracer, work: Workspace) -> bool:
     """Go to the fraction `reach` between `y` and the trial; return whether the branch with this index is there."""
     part = (reach - line.y[-1]) / (line.trial[-1] - line.y[-1])
-    for j in range(line.work.step.shape[0]):
+    for j in range(work.step.shape[0]):
         line.trial[j] = line.y[j] + part * (line.trial[j] - line.y[j])
     line.trial[-1] = reach
-    if _correct_state(legs, line) != index:
+    if _correct_state(legs, line, work) != index:
         return False
     line.y[:] = line.trial
     return True
 
 
 @kernel
-def _locate_fold(legs: Array, arc: float, index: int, line: Tracer) -> Array:
+def _locate_fold(legs: Array, arc: float, index: int, line: Tracer, work: Workspace) -> Array:
     """Return the last point before the fold, where ds / darc changes its sign, between `y` and the trial at `arc`."""
     low, rules = line.y.copy(), _FOLD_RULES
     bracket = Bracket(0.0, line.tangent[-1], arc, line.trial_tangent[-1], 0)
@@ -329,9 +332,9 @@ def _locate_fold(legs: Array, arc: float, index: int, line: Tracer) -> Array:
         if (bracket.high - bracket.low) * max(bracket.low_value, -bracket.high_value) < rules.tolerance:
             break
         middle = next_trial(bracket, number, rules)
-        is_found = move(legs, middle, STEP_RULES, line)
+        is_found = move(legs, middle, STEP_RULES, line, work)
         rate = line.trial_tangent[-1] if is_found else bracket.high_value
-        if rate > 0.0 and assess_stability(legs, line.trial[:-1], line.work).morse_index == index:
+        if rate > 0.0 and assess_stability(legs, line.trial_x, work).morse_index == index:
             low[:] = line.trial
         else:
             rate = min(rate, 0.0)

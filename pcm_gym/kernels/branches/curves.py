@@ -16,7 +16,6 @@ from pcm_gym.kernels.branches.tracer import (
     REGULAR,
     Bracket,
     BracketRules,
-    Family,
     Tracer,
     accept,
     correct,
@@ -28,6 +27,7 @@ from pcm_gym.kernels.branches.tracer import (
     start,
 )
 from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.newton import NewtonRules
 
 # How a curve ended.
@@ -79,6 +79,7 @@ class _Curve(NamedTuple):
 
     problem: Problem
     tracer: Tracer
+    work: Workspace
     change: Array  # (size + legs,)
     direction: Array  # (size + legs,): of a projection, whose sign is watched
     normal: Array  # (legs,): normal of the projected curve at the last point
@@ -88,23 +89,13 @@ class _Curve(NamedTuple):
 @kernel
 def _make_curve(legs: Array, problem: Problem) -> _Curve:
     leg_count, count = legs.shape[0], problem.box.shape[0]
-    family = Family(
-        np.zeros(leg_count),
-        problem.load.copy(),
-        np.eye(leg_count),
-        np.zeros((leg_count, problem.load.shape[0])),
-        problem.conditions.copy(),
-        problem.kind if problem.is_singular else REGULAR,
-        False,
-    )
-    return _Curve(
-        problem,
-        make_tracer(family, count - leg_count),
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros(leg_count),
-        np.zeros(leg_count),
-    )
+    kind = problem.kind if problem.is_singular else REGULAR
+    t = make_tracer(leg_count, count - leg_count, problem.conditions.copy(), kind, False)
+    t.first_load[:] = problem.load
+    for i in range(leg_count):
+        t.input_rates[i, i] = 1.0
+    work = make_workspace(leg_count, count - leg_count)
+    return _Curve(problem, t, work, np.zeros(count), np.zeros(count), np.zeros(leg_count), np.zeros(leg_count))
 
 
 @kernel
@@ -112,10 +103,10 @@ def _go_on(legs: Array, y: Array, tangent: Array, curve: _Curve) -> None:
     """Make `y` with its `tangent` the last point, and set its rod table."""
     t = curve.tracer
     t.trial[:], t.trial_tangent[:] = y, tangent
-    place_at(legs, y, t)
-    accept(legs, t)
+    place_at(legs, y, t, curve.work)
+    accept(legs, t, curve.work)
     if curve.problem.is_singular:
-        set_normal(legs, y, curve.problem.kind, t.work, curve.normal)
+        set_normal(legs, y, curve.problem.kind, curve.work, curve.normal)
 
 
 @kernel
@@ -124,7 +115,7 @@ def _start(legs: Array, y: Array, sign: float, curve: _Curve) -> bool:
     for j in range(y.shape[0]):
         t.border[j] = math.cos(1.0 + 3.0 * j)  # any direction that is not across the tangent
     t.y[:] = y
-    if not start(legs, sign, t):
+    if not start(legs, sign, t, curve.work):
         return False
     _go_on(legs, y, t.tangent, curve)
     return True
@@ -166,8 +157,8 @@ def _watched(legs: Array, watch: int, curve: _Curve) -> float:
     if watch == _ROOM:
         return _room(legs, t.trial, problem)
     if watch == _SINGULARITY:
-        place_at(legs, t.trial, t)
-        return singularity(legs, t.trial, problem.kind, t.work)
+        place_at(legs, t.trial, t, curve.work)
+        return singularity(legs, t.trial, problem.kind, curve.work)
     return _projected(legs, t.trial_tangent, curve.direction, problem.kind)
 
 
@@ -180,7 +171,7 @@ def _locate(legs: Array, watch: int, arc: float, first: float, second: float, cu
     bracket, middle, rules = Bracket(0.0, first, arc, second, 0), arc, _SIGN_RULES
     for number in range(rules.trials):
         middle = next_trial(bracket, number, rules)
-        if not move(legs, middle, _STEP_RULES, curve.tracer):
+        if not move(legs, middle, _STEP_RULES, curve.tracer, curve.work):
             return 0.0
         value = _watched(legs, watch, curve)
         bracket = narrowed(bracket, middle, value, rules)
@@ -210,11 +201,11 @@ def _meets(legs: Array, other: Array, reach: float, curve: _Curve) -> bool:
         arc += t.border[j] * change[j]
     if not -_RULES.same_point < arc <= reach * (1.0 + _RULES.same_point) + _RULES.same_point:
         return False
-    if not move(legs, arc, _STEP_RULES, t):
+    if not move(legs, arc, _STEP_RULES, t, curve.work):
         return False
     for j in range(change.shape[0]):
         change[j] += t.y[j] - t.trial[j]
-    return metric_length(legs, change, t.vector, t.work) < _RULES.same_point
+    return metric_length(legs, change, t.vector, curve.work) < _RULES.same_point
 
 
 @kernel
@@ -222,8 +213,8 @@ def _step(legs: Array, arc: float, curve: _Curve) -> tuple[float, float]:
     """Move by `arc`, or as much of it as is safe; return how far, 0 if not at all, and the tangent's turn."""
     t = curve.tracer
     while arc > _RULES.least_arc:
-        if move(legs, arc, _STEP_RULES, t):
-            metric_length(legs, t.trial_tangent, t.vector, t.work)
+        if move(legs, arc, _STEP_RULES, t, curve.work):
+            metric_length(legs, t.trial_tangent, t.vector, curve.work)
             cosine = 0.0  # as the metrics of both ends see it: one alone would take its own change for a turn
             for j in range(t.y.shape[0]):
                 cosine += 0.5 * (t.border[j] * t.trial_tangent[j] + t.vector[j] * t.tangent[j])
@@ -240,7 +231,7 @@ def _sees_cusps(legs: Array, arc: float, curve: _Curve) -> bool:
 
     The projected curve's normal turns little then: both tangents are along it, one this way, one that.
     """
-    set_normal(legs, curve.tracer.trial, curve.problem.kind, curve.tracer.work, curve.trial_normal)
+    set_normal(legs, curve.tracer.trial, curve.problem.kind, curve.work, curve.trial_normal)
     cosine = 0.0
     for k in range(legs.shape[0]):
         cosine += curve.normal[k] * curve.trial_normal[k]
@@ -257,7 +248,7 @@ def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Cu
         return arc, (LARGEST_LOAD if _load_room(legs, t.trial, problem) < _RULES.room else OUT_OF_BOX)
     if may_close and _meets(legs, first, arc, curve):
         return arc, CLOSED
-    if may_close and not move(legs, arc, _STEP_RULES, t):
+    if may_close and not move(legs, arc, _STEP_RULES, t, curve.work):
         return 0.0, FAILED
     return arc, _GOES_ON
 
@@ -301,7 +292,7 @@ def trace(
     if not _start(legs, y, sign, curve):
         return 1, FAILED
     tangents[0] = t.tangent
-    value = singularity(legs, y, problem.kind, t.work)
+    value = singularity(legs, y, problem.kind, curve.work)
     count, arc = 1, _RULES.first_arc
     while count < path.shape[0] - 1:
         arc, turn = _step(legs, arc, curve)
@@ -357,7 +348,7 @@ def point_beside(
     """Fill `beside` and `tangent_beside` with the point of the curve at `arc` from `y`; return whether it was found."""
     curve = _make_curve(legs, problem)
     _go_on(legs, y, tangent, curve)
-    is_found = move(legs, arc, _STEP_RULES, curve.tracer)
+    is_found = move(legs, arc, _STEP_RULES, curve.tracer, curve.work)
     beside[:], tangent_beside[:] = curve.tracer.trial, curve.tracer.trial_tangent
     return is_found
 
@@ -365,10 +356,10 @@ def point_beside(
 @kernel
 def polish(legs: Array, y: Array, last_condition: Array, problem: Problem) -> bool:
     """Correct `y` in place to the point near it that meets the problem and a last linear condition."""
-    t = _make_curve(legs, problem).tracer
-    t.y[:], t.border[:] = y, last_condition
-    is_found = correct(legs, 0.0, _STEP_RULES, t)
-    y[:] = t.trial
+    curve = _make_curve(legs, problem)
+    curve.tracer.y[:], curve.tracer.border[:] = y, last_condition
+    is_found = correct(legs, 0.0, _STEP_RULES, curve.tracer, curve.work)
+    y[:] = curve.tracer.trial
     return is_found
 
 

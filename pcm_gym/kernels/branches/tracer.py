@@ -11,6 +11,8 @@ metric in which lengths are measured, t the unit tangent at the last point y_0, 
     |     b'   |       | arc - b' (y - y_0) |
 
 and the tangent at y is the solution of the same system for the right side (0, ..., 0, 1). It is regular also at folds.
+
+Short functions that take a tracer are formulas: to hand its many arrays on in a call takes as long as what they do.
 """
 
 import math
@@ -28,7 +30,6 @@ from pcm_gym.kernels.statics.closure import (
     FORCE_Y,
     Workspace,
     derivatives,
-    make_workspace,
     place,
     set_matrix,
     set_path_derivative,
@@ -40,14 +41,15 @@ from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, accept_correc
 REGULAR = -1
 
 
-class Family(NamedTuple):
-    """Equilibria with the inputs `inputs` + p `input_rates` and the load `load` + p `load_rates`; a curve of them.
+class Tracer(NamedTuple):
+    """Which curve is followed, where that is, and scratch arrays; all points and vectors are (size + m,).
 
-    Of singular states the parameters must be the inputs themselves.
+    The inputs are `first_inputs` + p `input_rates`, the load is `first_load` + p `load_rates`. Of singular states the
+    parameters must be the inputs themselves.
     """
 
-    inputs: Array  # (legs,)
-    load: Array  # (d,)
+    first_inputs: Array  # (legs,)
+    first_load: Array  # (d,)
     input_rates: Array  # (m, legs)
     load_rates: Array  # (m, d)
     conditions: Array  # (k, size + m): C; k = m - 1, of singular states m - 2
@@ -55,19 +57,14 @@ class Family(NamedTuple):
     # Whether the only parameter is the fraction of a way. Its changes do not count as corrections, and in the metric
     # rods count by their own forces; with inputs as parameters by their tips, and forces relative to all rods'.
     is_way: bool
-
-
-class Tracer(NamedTuple):
-    """Where the tracing of a curve is, and scratch arrays; all points and vectors are (size + m,)."""
-
-    family: Family
-    work: Workspace  # its rod table is that of the point last looked at
-    inputs: Array  # (legs,) of that point
+    inputs: Array  # (legs,) at the point last looked at
     load: Array  # (d,)
     y: Array  # last point
+    x: Array  # (size,): its state, part of y
     tangent: Array  # of unit length
     border: Array  # metric times tangent
     trial: Array
+    trial_x: Array  # (size,): its state
     trial_tangent: Array
     matrix: Array  # (size + m, size + m)
     vector: Array
@@ -94,156 +91,171 @@ class Bracket(NamedTuple):
 
 
 @kernel
-def make_tracer(family: Family, size: int) -> Tracer:
-    """Return a tracer of curves in a family for a state of `size` numbers, at no point yet."""
-    leg_count, dof = family.inputs.shape[0], family.load.shape[0]
-    count = size + family.input_rates.shape[0]
+def make_tracer(leg_count: int, size: int, conditions: Array, kind: int, is_way: bool) -> Tracer:
+    """Return a tracer, at no point yet, whose inputs and load are 0 and do not change with the parameters yet."""
+    dof, count = size - 2 * leg_count, conditions.shape[1]
+    y, trial = np.zeros(count), np.zeros(count)
     return Tracer(
-        family,
-        make_workspace(leg_count, size),
         np.zeros(leg_count),
         np.zeros(dof),
+        np.zeros((count - size, leg_count)),
+        np.zeros((count - size, dof)),
+        conditions,
+        kind,
+        is_way,
+        np.zeros(leg_count),
+        np.zeros(dof),
+        y,
+        y[:size],
         np.zeros(count),
         np.zeros(count),
-        np.zeros(count),
-        np.zeros(count),
+        trial,
+        trial[:size],
         np.zeros(count),
         np.zeros((count, count)),
         np.zeros(count),
     )
 
 
-@kernel
+@formula
 def set_parameters(y: Array, t: Tracer) -> None:
     """Fill inputs and load for the unknowns `y`."""
-    family, size = t.family, t.work.step.shape[0]
-    t.inputs[:] = family.inputs
-    t.load[:] = family.load
-    for k in range(family.input_rates.shape[0]):
-        for i in range(t.inputs.shape[0]):
-            t.inputs[i] += y[size + k] * family.input_rates[k, i]
-        for d in range(t.load.shape[0]):
-            t.load[d] += y[size + k] * family.load_rates[k, d]
+    first = y.shape[0] - t.input_rates.shape[0]
+    for i in range(t.inputs.shape[0]):
+        t.inputs[i] = t.first_inputs[i]
+        for k in range(t.input_rates.shape[0]):
+            t.inputs[i] += y[first + k] * t.input_rates[k, i]
+    for d in range(t.load.shape[0]):
+        t.load[d] = t.first_load[d]
+        for k in range(t.load_rates.shape[0]):
+            t.load[d] += y[first + k] * t.load_rates[k, d]
 
 
-@kernel
-def place_at(legs: Array, y: Array, t: Tracer) -> None:
+@formula
+def place_at(legs: Array, y: Array, t: Tracer, work: Workspace) -> None:
     """Fill inputs, load and rod table for the unknowns `y`."""
     set_parameters(y, t)
-    place(legs, y[: t.work.step.shape[0]], t.inputs, t.work)
+    place(legs, y[: work.step.shape[0]], t.inputs, work)
 
 
 @kernel
-def start(legs: Array, sign: float, t: Tracer) -> bool:
+def start(legs: Array, sign: float, t: Tracer, work: Workspace) -> bool:
     """Take the tangent at `y` on the side of the border, times `sign`; return whether there is one."""
     t.trial[:] = t.y
-    if not _set_tangent(legs, t):
+    if not _set_tangent(legs, t, work):
         return False
     t.trial_tangent[:] *= sign
-    accept(legs, t)
+    accept(legs, t, work)
     return True
 
 
-@kernel
-def accept(legs: Array, t: Tracer) -> None:
+@formula
+def accept(legs: Array, t: Tracer, work: Workspace) -> None:
     """Make the trial, whose rod table is set, the last point."""
-    t.y[:] = t.trial
-    t.tangent[:] = t.trial_tangent
-    length_of(legs, t.tangent, t, t.border)
+    for j in range(t.y.shape[0]):
+        t.y[j], t.tangent[j] = t.trial[j], t.trial_tangent[j]
+    length_of(legs, t.tangent, t, work, t.border)
 
 
 @kernel
-def move(legs: Array, arc: float, rules: NewtonRules, t: Tracer) -> bool:
+def move(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace) -> bool:
     """Put the point at `arc` into the trial, with tangent and rod table; return whether that succeeded."""
-    return correct(legs, arc, rules, t) and _set_tangent(legs, t)
+    return correct(legs, arc, rules, t, work) and _set_tangent(legs, t, work)
 
 
 @kernel
-def correct(legs: Array, arc: float, rules: NewtonRules, t: Tracer) -> bool:
+def correct(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace) -> bool:
     """Put the point at `arc` into the trial; return whether that succeeded."""
     for j in range(t.y.shape[0]):
         t.trial[j] = t.y[j] + arc * t.tangent[j]
     previous = math.inf
     for iteration in range(rules.iterations):
-        _set_system(legs, arc, t)
+        _set_system(legs, arc, t, work)
         if not solve_linear(t.matrix, t.vector, t.vector.shape[0]):
             return False
-        size = _correction_size(legs, t)
+        size = _correction_size(legs, t, work)
         verdict = accept_correction(size, previous, iteration == 0, rules)
         if verdict > CONVERGED:
             return False
-        t.trial[:] += t.vector
+        for j in range(t.y.shape[0]):
+            t.trial[j] += t.vector[j]
         if verdict == CONVERGED:
             return True
         previous = size
     return False
 
 
-@kernel
-def _correction_size(legs: Array, t: Tracer) -> float:
+@formula
+def _correction_size(legs: Array, t: Tracer, work: Workspace) -> float:
     """Return the size of the correction `t.vector` of the trial."""
-    size = t.work.step.shape[0]
-    t.work.step[:] = t.vector[:size]
-    largest = correction_size(legs, t.trial[:size], t.work)
-    if not t.family.is_way:
+    size = work.step.shape[0]
+    for j in range(size):
+        work.step[j] = t.vector[j]
+    largest = correction_size(legs, t.trial_x, work)
+    if not t.is_way:
         for j in range(size, t.vector.shape[0]):
             largest = max(largest, abs(t.vector[j]))
     return largest
 
 
 @kernel
-def _set_tangent(legs: Array, t: Tracer) -> bool:
+def _set_tangent(legs: Array, t: Tracer, work: Workspace) -> bool:
     """Fill the trial's unit tangent, on the side of the border, and its rod table; return whether there is one."""
-    _set_system(legs, 0.0, t)
-    t.vector[:] = 0.0
-    t.vector[-1] = 1.0
-    if not solve_linear(t.matrix, t.vector, t.vector.shape[0]):
+    _set_system(legs, 0.0, t, work)
+    count = t.vector.shape[0]
+    for j in range(count):
+        t.vector[j] = 1.0 if j == count - 1 else 0.0
+    if not solve_linear(t.matrix, t.vector, count):
         return False
-    t.trial_tangent[:] = t.vector
-    length = length_of(legs, t.trial_tangent, t, t.vector)
-    t.trial_tangent[:] /= length
+    for j in range(count):
+        t.trial_tangent[j] = t.vector[j]
+    length = length_of(legs, t.trial_tangent, t, work, t.vector)
+    for j in range(count):
+        t.trial_tangent[j] /= length
     return length > 0.0 and math.isfinite(length)
 
 
-@kernel
-def _set_system(legs: Array, arc: float, t: Tracer) -> None:
+@formula
+def _set_system(legs: Array, arc: float, t: Tracer, work: Workspace) -> None:
     """Fill matrix and right side of Newton's method at the trial, and its rod table."""
-    family, work, y = t.family, t.work, t.trial
+    y = t.trial
     count, size = y.shape[0], work.step.shape[0]
-    x, row = y[:size], size
-    if family.singularity != REGULAR:
-        set_singularity_gradient(legs, y, family.singularity, t.vector, work, t.matrix[row])
-    place_at(legs, y, t)
-    if family.singularity != REGULAR:
-        t.vector[row] = -singularity(legs, y, family.singularity, work)
+    x, row = t.trial_x, size
+    if t.singularity != REGULAR:
+        set_singularity_gradient(legs, y, t.singularity, t.vector, work, t.matrix[row])
+    place_at(legs, y, t, work)
+    if t.singularity != REGULAR:
+        t.vector[row] = -singularity(legs, y, t.singularity, work)
         row += 1
-    for condition in family.conditions:
-        t.matrix[row] = condition
+    for condition in t.conditions:
         t.vector[row] = 0.0
         for j in range(count):
+            t.matrix[row, j] = condition[j]
             t.vector[row] -= condition[j] * (y[j] - t.y[j])
         row += 1
-    t.matrix[row] = t.border
     t.vector[row] = arc
     for n in range(count):
-        j = n - 1 if family.is_way else n  # the fraction first: the order of the sum decides its last digit
+        t.matrix[row, n] = t.border[n]
+        j = n - 1 if t.is_way else n  # the fraction first: the order of the sum decides its last digit
         t.vector[row] -= t.border[j] * (y[j] - t.y[j])
     set_residual(legs, x, t.load, work)
     set_matrix(legs, x, work)
-    t.matrix[:size, :size] = work.matrix[:size, :size]
+    for i in range(size):
+        t.vector[i] = -work.residual[i]
+        for j in range(size):
+            t.matrix[i, j] = work.matrix[i, j]
     for k in range(count - size):
-        set_path_derivative(legs, x, family.input_rates[k], family.load_rates[k], work, work.step)
-        t.matrix[:size, size + k] = work.step
-    for j in range(size):
-        t.vector[j] = -work.residual[j]
+        set_path_derivative(legs, x, t.input_rates[k], t.load_rates[k], work, work.step)
+        for i in range(size):
+            t.matrix[i, size + k] = work.step[i]
 
 
 @kernel
-def length_of(legs: Array, change: Array, t: Tracer, out: Array) -> float:
+def length_of(legs: Array, change: Array, t: Tracer, work: Workspace, out: Array) -> float:
     """Return the length of a change of the unknowns at the rod table; fill `out` with metric times `change`."""
-    if not t.family.is_way:
-        return metric_length(legs, change, out, t.work)
-    rods, size = t.work.rods, change.shape[0] - 1
+    if not t.is_way:
+        return metric_length(legs, change, out, work)
+    rods, size = work.rods, change.shape[0] - 1
     for i in range(legs.shape[0]):
         q_xx, q_xy, q_yx, q_yy = derivatives(rods[i], FORCE_G)
         weight = 1.0 / (1.0 + math.hypot(rods[i, FORCE_X], rods[i, FORCE_Y])) ** 2
@@ -253,9 +265,9 @@ def length_of(legs: Array, change: Array, t: Tracer, out: Array) -> float:
         out[2 * i + 1] = q_xy * change_x + q_yy * change_y
     out[2 * legs.shape[0] : size] = change[2 * legs.shape[0] : size]
     rate = 0.0
-    for value in t.family.input_rates[0]:
+    for value in t.input_rates[0]:
         rate += value**2
-    for value in t.family.load_rates[0]:
+    for value in t.load_rates[0]:
         rate += value**2
     out[size] = rate * change[size]
     squared = 0.0

@@ -28,7 +28,7 @@ from pcm_gym.kernels.numerics.rasters import (
     neighbour,
     set_node,
 )
-from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, place
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.kernels.statics.stability import assess_stability
@@ -59,7 +59,7 @@ class Problem(NamedTuple):
     rho_max: float
     rasters: Rasters
     line: Tracer
-    work: Workspace  # that of the line
+    work: Workspace
     x: Array  # (4, size)
     inputs: Array  # (4, legs)
     point: Array  # (2, d)
@@ -83,14 +83,13 @@ class Pool(NamedTuple):
 def _make_problem(charted: Charted) -> Problem:
     leg_count, dof = charted.legs.shape[0], charted.load.shape[0]
     size = 2 * leg_count + dof
-    line = make_line(leg_count, size)
     return Problem(
         charted.legs,
         charted.load,
         charted.rho_max,
         charted.rasters,
-        line,
-        line.work,
+        make_line(leg_count, size),
+        make_workspace(leg_count, size),
         np.zeros((4, size)),
         np.zeros((4, leg_count)),
         np.zeros((2, dof)),
@@ -109,7 +108,8 @@ def _largest_load(x: Array, leg_count: int) -> float:
 def move_to_inputs(problem: Problem, x: Array, inputs: Array, target: Array) -> float:
     """Track a stable state to these inputs, in place; return its stability margin there, or -1 where it got lost."""
     load = problem.load
-    tracked = track(problem.legs, Point(x, inputs, load), target, load, False, problem.line)
+    point = Point(x, inputs, load)
+    tracked = track(problem.legs, point, target, load, False, problem.line, problem.work)
     if tracked.event != NONE or tracked.morse_index != 0 or _largest_load(x, inputs.shape[0]) > problem.rho_max**2:
         return -1.0
     return tracked.stability_margin

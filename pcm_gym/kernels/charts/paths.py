@@ -3,7 +3,7 @@
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_step
 from pcm_gym.kernels.numerics.compilation import kernel
-from pcm_gym.kernels.statics.closure import LOWER, UPPER
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
 from pcm_gym.kernels.statics.states import Point, are_same
@@ -21,20 +21,21 @@ def follow_path(
     branch that stays stable and keeps the margin. Row 0 must be at the first pose.
     """
     leg_count, size = legs.shape[0], x.shape[1]
-    line, here = make_line(leg_count, size), Point(x[0].copy(), inputs[0].copy(), load)
+    line, work = make_line(leg_count, size), make_workspace(leg_count, size)
+    here = Point(x[0].copy(), inputs[0].copy(), load)
     for k in range(1, poses.shape[0]):
         x[k], inputs[k] = here.x, here.inputs
         x[k, 2 * leg_count :] = poses[k]
-        if solve_inverse_locally(legs, inputs[k], load, x[k], _RULES, line.work) != CONVERGED:
+        if solve_inverse_locally(legs, inputs[k], load, x[k], _RULES, work) != CONVERGED:
             return k
         for i in range(leg_count):
             if not legs[i, LOWER] <= inputs[k, i] <= legs[i, UPPER]:
                 return k
             if not abs(inputs[k, i] - here.inputs[i]) <= largest_step[i]:
                 return k
-        tracked = track_in_one_step(legs, here, inputs[k], line)
+        tracked = track_in_one_step(legs, here, inputs[k], line, work)
         is_stable = tracked.event == NONE and tracked.morse_index == 0
-        if not is_stable or singularity_margin(legs, here.x, line.work) < least_margin:
+        if not is_stable or singularity_margin(legs, here.x, work) < least_margin:
             return k
         if not are_same(here.x, x[k], leg_count):
             return k

@@ -20,7 +20,7 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
 from pcm_gym.kernels.snaps.instability import advance, is_instability
-from pcm_gym.kernels.statics.closure import make_workspace, place
+from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States, are_same
@@ -52,6 +52,7 @@ class Steps(NamedTuple):
     way: Integers  # (lanes,)
     cell: Integers  # (lanes,)
     line: Tracer
+    work: Workspace
     x: Array  # (size,)
     inputs: Array  # (legs,)
     target: Array  # (legs,)
@@ -67,6 +68,7 @@ def _make_steps(leg_count: int, size: int) -> Steps:
         np.empty(LANES, np.int64),
         np.empty(LANES, np.int64),
         make_line(leg_count, size),
+        make_workspace(leg_count, size),
         np.empty(size),
         np.empty(leg_count),
         np.empty(leg_count),
@@ -163,10 +165,11 @@ def _go_halves_alone(legs: Array, nodes: Nodes, origin: int, least_margin: float
 @kernel
 def _go_alone(legs: Array, load: Array, least_margin: float, steps: Steps) -> bool:
     """Track the state in `steps` to its target; return whether it arrives, stable and with the margin."""
-    tracked = track(legs, Point(steps.x, steps.inputs, load), steps.target, load, False, steps.line)
+    point = Point(steps.x, steps.inputs, load)
+    tracked = track(legs, point, steps.target, load, False, steps.line, steps.work)
     if tracked.event != NONE or tracked.morse_index > 0:
         return False
-    return singularity_margin(legs, steps.x, steps.line.work) >= least_margin
+    return singularity_margin(legs, steps.x, steps.work) >= least_margin
 
 
 @kernel
@@ -233,11 +236,11 @@ def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tu
     Returns which rows get there and are stable, and which lose stability on the way.
     """
     count, leg_count = targets.shape
-    line = make_line(leg_count, states.x.shape[1])
+    line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
     has_arrived, was_lost = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for n in range(count):
         point = Point(states.x[n], states.inputs[n], states.load[n])
-        tracked = advance(legs, point, targets[n], behaviour, line)
+        tracked = advance(legs, point, targets[n], behaviour, line, work)
         has_arrived[n] = tracked.fraction == 1.0 and tracked.morse_index == 0
         was_lost[n] = is_instability(tracked.event)
     return has_arrived, was_lost

@@ -10,6 +10,7 @@ from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States
 
@@ -22,7 +23,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
     the stable branch or come nearer to a fold than `least_margin`. So whoever repeats the walk meets neither.
     """
     all_count, size = states.x.shape
-    line, block = make_line(legs.shape[0], size), make_block(legs.shape[0])
+    line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
     goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
     rows = np.arange(all_count)
     count = _keep_walking(states, targets, left, rows, all_count)
@@ -44,7 +45,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
                 made = min(part[row], left[row])
                 if is_refused:
                     _set_goal(states.inputs[row], targets[row], stride, made, goal)
-                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line)
+                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
                 else:
                     is_kept = _is_kept(block.common[0], lane, least_margin)
                     if is_kept:
@@ -70,13 +71,15 @@ def _set_goal(inputs: Array, target: Array, stride: Array, part: float, goal: Ar
 
 
 @kernel
-def _walk_alone(legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Tracer) -> bool:
+def _walk_alone(
+    legs: Array, states: States, row: int, goal: Array, least_margin: float, line: Tracer, work: Workspace
+) -> bool:
     """Make one step of a walk outside the block, or leave the row as it was; return whether it was made."""
-    x, inputs = states.x[row].copy(), states.inputs[row].copy()
-    tracked = track_in_one_step(legs, Point(x, inputs, states.load[row]), goal, line)
-    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, x, line.work) < least_margin:
+    point = Point(states.x[row].copy(), states.inputs[row].copy(), states.load[row])
+    tracked = track_in_one_step(legs, point, goal, line, work)
+    if tracked.event != NONE or tracked.morse_index > 0 or singularity_margin(legs, point.x, work) < least_margin:
         return False
-    states.x[row], states.inputs[row] = x, inputs
+    states.x[row], states.inputs[row] = point.x, point.inputs
     return True
 
 

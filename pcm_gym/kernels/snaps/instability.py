@@ -16,7 +16,7 @@ from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.relaxation import LANDED, STAYED
 from pcm_gym.kernels.snaps.snap import snap
-from pcm_gym.kernels.statics.closure import place
+from pcm_gym.kernels.statics.closure import Workspace, place
 from pcm_gym.kernels.statics.states import Point
 
 # The behaviours.
@@ -35,49 +35,49 @@ def is_instability(event: int) -> bool:
 
 
 @kernel
-def advance(legs: Array, point: Point, target: Array, behaviour: int, line: Tracer) -> Tracked:
-    """Move the inputs of an equilibrium to `target` and change the point; the rod table of the line is that of its end.
+def advance(legs: Array, point: Point, target: Array, behaviour: int, line: Tracer, work: Workspace) -> Tracked:
+    """Move the inputs of an equilibrium to `target` and change the point; the rod table becomes that of its end.
 
     The event is the first loss of stability on the way, if there is one. With `TERMINATE` and `HOLD` the way ends
     before it; with `SNAP` only before a bifurcation that the target is too little beyond for a snap; with `CONTINUE`
     only at a fold. After a solver failure the point means nothing.
     """
     if _is_there(point.inputs, target):
-        return _stand_still(legs, point, NONE, 1.0, line)
+        return _stand_still(legs, point, NONE, 1.0, work)
     if behaviour == SNAP:
-        return _advance_snapping(legs, point, target, line)
-    tracked = track(legs, point, target, point.load, False, line)
+        return _advance_snapping(legs, point, target, line, work)
+    tracked = track(legs, point, target, point.load, False, line, work)
     if behaviour != CONTINUE or tracked.event != INDEX_CHANGE:
         return tracked
-    tracked = track(legs, point, target, point.load, True, line)
+    tracked = track(legs, point, target, point.load, True, line, work)
     event = tracked.event
     if event == NONE:
         event = INDEX_CHANGE
     elif event == INDEX_CHANGE:  # it could not be crossed
         event = SOLVER_FAILURE
-    return judge(legs, point.x, point.load, event, tracked.fraction, line.work)
+    return judge(legs, point.x, point.load, event, tracked.fraction, work)
 
 
 @kernel
-def _advance_snapping(legs: Array, point: Point, target: Array, line: Tracer) -> Tracked:
+def _advance_snapping(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> Tracked:
     first_event = NONE
     for _ in range(_MOST_SNAPS):
-        tracked = track(legs, point, target, point.load, False, line)
+        tracked = track(legs, point, target, point.load, False, line, work)
         if tracked.event == SOLVER_FAILURE:
             return tracked
         first_event = tracked.event if first_event == NONE else first_event
         if not is_instability(tracked.event):
-            return judge(legs, point.x, point.load, first_event, 1.0, line.work)
+            return judge(legs, point.x, point.load, first_event, 1.0, work)
         status = snap(legs, point)[0]
         if status == STAYED and tracked.event == INDEX_CHANGE:
-            status = _snap_beyond(legs, point, target, line)
+            status = _snap_beyond(legs, point, target, line, work)
             if status == STAYED:
-                return _stand_still(legs, point, first_event, tracked.fraction, line)
+                return _stand_still(legs, point, first_event, tracked.fraction, work)
         if status != LANDED:
             break
         if _is_there(point.inputs, target):
-            return _stand_still(legs, point, first_event, 1.0, line)
-    return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, line.work)
+            return _stand_still(legs, point, first_event, 1.0, work)
+    return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, work)
 
 
 @kernel
@@ -89,14 +89,14 @@ def _is_there(inputs: Array, target: Array) -> bool:
 
 
 @kernel
-def _stand_still(legs: Array, point: Point, event: int, fraction: float, line: Tracer) -> Tracked:
+def _stand_still(legs: Array, point: Point, event: int, fraction: float, work: Workspace) -> Tracked:
     """Return the verdict on a point whose rod table may be another one's; near a singular point a step could fail."""
-    place(legs, point.x, point.inputs, line.work)
-    return judge(legs, point.x, point.load, event, fraction, line.work)
+    place(legs, point.x, point.inputs, work)
+    return judge(legs, point.x, point.load, event, fraction, work)
 
 
 @kernel
-def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer) -> int:
+def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> int:
     """Follow the branch over a bifurcation, no further than needed, and snap from there; return a status.
 
     `LANDED` if the point is stable beyond it; `STAYED`, and nothing is changed, if the target is so little beyond it
@@ -107,7 +107,7 @@ def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer) -> int:
         beyond = Point(point.x.copy(), point.inputs.copy(), point.load)
         for i in range(target.shape[0]):
             goal[i] = target[i] if part == 1.0 else point.inputs[i] + part * (target[i] - point.inputs[i])
-        tracked = track(legs, beyond, goal, point.load, True, line)
+        tracked = track(legs, beyond, goal, point.load, True, line, work)
         if tracked.morse_index == 0 and (part < 1.0 or tracked.event != NONE):
             continue
         status = snap(legs, beyond)[0] if tracked.morse_index > 0 else LANDED

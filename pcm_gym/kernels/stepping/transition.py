@@ -140,19 +140,19 @@ def step_alone(
 ) -> None:
     """Do what `step_batch` does, row by row, with all that `track` can do."""
     size = states.x.shape[1]
-    line = make_line(legs.shape[0], size)
+    line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
     x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, states.inputs, moves.actions, row, moves.stride, target)
-        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, line)
+        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, line, work)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
-            place(legs, x, inputs, line.work)
-            tracked = judge(legs, x, load, tracked.event, 0.0, line.work)
-        set_features(legs, x, inputs, line.work, report.features[row])
-        report_row(row, tracked, singularity_margin(legs, x, line.work), is_cut, rules, report)
+            place(legs, x, inputs, work)
+            tracked = judge(legs, x, load, tracked.event, 0.0, work)
+        set_features(legs, x, inputs, work, report.features[row])
+        report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
 
 
 @kernel

@@ -16,6 +16,7 @@ from pcm_gym.kernels.branches.continuation import (
     track,
 )
 from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.statics.closure import make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point
 from pcm_gym.solving import Equilibrium
@@ -58,7 +59,7 @@ def walk(
     """Walk from home by these increments (walks, steps, ...), each cut into `substeps`; then back the same way."""
     count, steps, leg_count = input_steps.shape
     dof = load_steps.shape[2]
-    line = make_line(leg_count, x_home.shape[0])
+    line, work = make_line(leg_count, x_home.shape[0]), make_workspace(leg_count, x_home.shape[0])
     inputs_way, load_way = np.zeros((steps + 1, leg_count)), np.zeros((steps + 1, dof))
     for w in range(count):
         x, inputs, load = x_home.copy(), inputs_home.copy(), np.zeros(dof)
@@ -73,12 +74,12 @@ def walk(
                 part = (n + 1) / substeps
                 inputs_target = inputs_start + part * input_steps[w, s]
                 load_target = load_start + part * load_steps[w, s]
-                tracked = track(legs, point, inputs_target, load_target, False, line)
+                tracked = track(legs, point, inputs_target, load_target, False, line, work)
                 walks.residuals[w] = max(walks.residuals[w], tracked.residual)
                 event, fraction, margin = (
                     tracked.event,
                     (n + tracked.fraction) / substeps,
-                    singularity_margin(legs, x, line.work),
+                    singularity_margin(legs, x, work),
                 )
                 if event != NONE:
                     break
@@ -89,14 +90,14 @@ def walk(
             walks.last[w] = x
             inputs_way[done], load_way[done] = inputs, load
         walks.stopped[w] = x
-        tracked = track(legs, point, inputs_way[done], load_way[done], False, line)
+        tracked = track(legs, point, inputs_way[done], load_way[done], False, line, work)
         walks.recoiled[w], walks.recoil_events[w] = x, tracked.event
         if not goes_back:
             continue
         x[:] = walks.last[w]
         inputs[:], load[:] = inputs_way[done], load_way[done]
         for s in range(done - 1, -1, -1):
-            tracked = track(legs, point, inputs_way[s], load_way[s], False, line)
+            tracked = track(legs, point, inputs_way[s], load_way[s], False, line, work)
             walks.residuals[w] = max(walks.residuals[w], tracked.residual)
             walks.back_events[w] = max(walks.back_events[w], tracked.event)
             if tracked.event != NONE:
