@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def paired_ratios(
     return ratios
 
 
-def print_ratios(console: Console, ratios: dict[str, Sequence[float]]) -> None:
+def print_ratios(console: Console, ratios: Mapping[str, Sequence[float]]) -> None:
     """Print a row per measure: above 1 this checkout is the faster one."""
     table = Table(title="How many times faster this checkout is than the other, pair by pair", title_justify="left")
     for heading in ("", "median", "min - max"):

@@ -109,7 +109,7 @@ def memory_per_environment(environment_id: str) -> Measure:
     return lambda: {"bytes": (held(2 * _ROWS) - held(_ROWS)) / _ROWS}
 
 
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(error_model="numpy")
 def _in_blocks(legs: Any, states: Any, targets: Any, refused: Any, verdicts: int) -> None:
     """Take every row to its target in lock-step without keeping it, or only judge it again `verdicts` times."""
     block, dof = make_block(legs.shape[0]), states.load.shape[1]
@@ -133,7 +133,7 @@ def step_parts(environment_id: str) -> Measure:
     `python`: rewards, infos and checks; `all_alone`: what the kernel would take with every row tracked one by one.
     """
     mechanism = gymnasium.spec(environment_id).kwargs["mechanism"]
-    env = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
+    env: Any = MechanismVectorEnv(_ROWS, mechanism=mechanism, threads=1, autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=0)
     simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.rows.states))

@@ -117,7 +117,7 @@ def endure(
     tally.episodes = _ROWS
     while tally.steps < steps:
         before, actions = States(*(array.copy() for array in simulation.rows.states)), drivers.actions()
-        _, _, terminated, truncated, infos = outcome = env.step(actions)
+        _, _, terminated, truncated, infos = outcome = env.step(actions.astype(np.float32))
         tally.steps += _ROWS
         tally.unstable_steps += int((infos["index"] > 0).sum())
         tally.events.update(infos["event"].tolist())
@@ -151,7 +151,7 @@ class _Drivers:
     def __init__(self, env: MechanismVectorEnv, seed: int) -> None:
         self.generator = np.random.default_rng(seed)
         self._simulation = env._simulation
-        self._shape = env.action_space.shape
+        self._shape = (env.num_envs, len(env.max_action))
         self._driver = np.arange(env.num_envs) % len(DRIVERS)
         self._walk, self._corner = np.zeros(self._shape), np.zeros(self._shape)
         self._age = np.zeros(env.num_envs, dtype=np.int64)
@@ -208,14 +208,15 @@ def _rules(
 ) -> Iterator[tuple[str, Mask]]:
     observation, reward, terminated, truncated, infos = outcome
     simulation = env._simulation
-    for key, space in env.single_observation_space.items():
+    spaces: Any = env.single_observation_space
+    for key, space in spaces.items():
         values = observation[key]
         is_inside = np.isfinite(values) & (values >= space.low) & (values <= space.high)
         yield f"{key} in its space", is_inside.all(axis=1)
     yield "reward finite and not negative", np.isfinite(reward) & (reward >= 0.0)
     event, index = infos["event"], infos["index"]
     costs = np.stack([infos[f"cost_{kind}"] for kind in ("unstable", "singular", "limit", "solver")])
-    yield "costs 0 or 1", np.isin(costs, (0.0, 1.0)).all(axis=0)
+    yield "costs 0 or 1", np.all(np.isin(costs, (0.0, 1.0)), axis=0)
     yield "cost their sum", infos["cost"] == costs.sum(axis=0)
     numbers = np.stack([infos[key] for key in ("stability_margin", "singularity_margin", "residual")])
     yield "info finite", np.isfinite(numbers).all(axis=0)
@@ -241,7 +242,7 @@ def _rules(
     yield "solver failure is rolled back", is_back | ~is_failure
     yield "inputs at the target", is_there | is_lost | is_failure
     apart = np.minimum(before.inputs, target) - states.inputs, states.inputs - np.maximum(before.inputs, target)
-    yield "inputs on the way", (np.maximum(*apart) <= _INPUT_TOLERANCE).all(axis=1)
+    yield "inputs on the way", np.all(np.maximum(*apart) <= _INPUT_TOLERANCE, axis=1)
     yield "load unchanged", (states.load == before.load).all(axis=1)
     ends, stays = {
         "terminate": (is_lost, ~is_lost),

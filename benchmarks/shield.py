@@ -13,10 +13,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
+from numpy.typing import NDArray
 
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.wrappers import SolverShield, VectorSolverShield
+
+Actions = NDArray[np.float32]
 
 # How the environments are stepped: one by one, or together.
 KINDS = ("single", "vector")
@@ -105,7 +108,7 @@ class _Adversary:
         self._persistence = np.array(_PERSISTENCE)[np.arange(rows) % len(_PERSISTENCE)]
         self._actions, self._age = np.zeros(shape, dtype=np.float32), np.zeros(rows, dtype=np.int64)
 
-    def actions(self, env: Any) -> Array:
+    def actions(self, env: Any) -> Actions:
         """Return the next actions."""
         asks = self._age % self._persistence == 0
         worst = _margins(env, self._corners).argmin(axis=1)
@@ -114,12 +117,13 @@ class _Adversary:
         return self._actions.copy()
 
 
-def _margins(env: Any, corners: Array) -> Array:
+def _margins(env: Any, corners: Actions) -> Array:
     """Return the margins after each of some actions (k, legs), for every row, (n, k); negative where it is lost."""
     batch = env.unwrapped
     if isinstance(batch, MechanismVectorEnv):
         told = [batch.preview(np.tile(corners, (batch.num_envs, 1, 1)))]
     elif isinstance(batch, SyncVectorEnv):
-        told = [own.unwrapped.preview(corners) for own in batch.envs]
+        singles: list[Any] = [own.unwrapped for own in batch.envs]
+        told = [own.preview(corners) for own in singles]
     lost = np.concatenate([np.atleast_2d(own.cost_unstable) > 0.0 for own in told])
     return np.where(lost, -1.0, np.concatenate([np.atleast_2d(own.singularity_margin) for own in told]))

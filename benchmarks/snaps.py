@@ -40,7 +40,8 @@ class Fold:
 def find_folds(name: str, count: int, rng: np.random.Generator) -> list[Fold]:
     """Return folds met on random walks; every second walk changes the load too."""
     mechanism = pcm_gym.get_mechanism(name)
-    units, pool, folds = mechanism.units, [pcm_gym.home_equilibrium(mechanism)], []
+    units, pool = mechanism.units, [pcm_gym.home_equilibrium(mechanism)]
+    folds: list[Fold] = []
     middle, reach = mechanism.lower_limits + mechanism.upper_limits, mechanism.upper_limits - mechanism.lower_limits
     walks = 0
     while len(folds) < count:

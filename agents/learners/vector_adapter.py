@@ -98,7 +98,9 @@ class NativeVecEnv(VecEnv):
         result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper] | type[VectorWrapper], indices: VecEnvIndices = None
+    ) -> list[bool]:
         """Whether the batch is inside a wrapper of that class, once per index."""
         is_wrapped = any(isinstance(layer, wrapper_class) for layer in self._layers())
         return [is_wrapped for _ in self._get_indices(indices)]

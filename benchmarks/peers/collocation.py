@@ -8,7 +8,8 @@ import numpy as np
 from scipy.integrate import solve_bvp, solve_ivp
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import BASES, Array, clamped, exact_path, slopes
+from benchmarks.peers.problem import BASES, clamped, exact_path, slopes
+from pcm_gym.arrays import Array
 
 _NODES = 11
 
@@ -49,6 +50,7 @@ def prepare(place: Places, tol: float) -> Step:
         if not found.success:
             raise RuntimeError(found.message)
         nodes, states, force = found.x, found.y, found.p
-        return 0.5 * (states[2:4, -1] + states[6:8, -1])
+        tip: Array = 0.5 * (states[2:4, -1] + states[6:8, -1])
+        return tip
 
     return step

@@ -14,7 +14,8 @@ import numba
 import numpy as np
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import BASES, Array, exact_path
+from benchmarks.peers.problem import BASES, exact_path
+from pcm_gym.arrays import Array
 
 _STEPS = 20
 _LAST_CORRECTION = 1e-5

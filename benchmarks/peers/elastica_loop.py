@@ -16,11 +16,13 @@
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import BASES, HOME, Array, inputs_on_path
+from benchmarks.peers.problem import BASES, HOME, inputs_on_path
+from pcm_gym.arrays import Array
 
 _PART_OF_LIMIT = 0.72
 _RAMP, _REST = 1.0, 4.0  # time from straight rods to the place on the path, and at rest there
@@ -47,11 +49,11 @@ def prepare(place: Places, elements: int, radius: float, damping: float, settlin
             super().__init__(**kwargs)
             self.position, self.directors = position, directors
 
-        def constrain_values(self, system: object, time: float) -> None:
+        def constrain_values(self, system: Any, time: float) -> None:
             system.position_collection[..., 0] = self.position
             system.director_collection[..., 0] = self.directors
 
-        def constrain_rates(self, system: object, time: float) -> None:
+        def constrain_rates(self, system: Any, time: float) -> None:
             system.velocity_collection[..., 0] = 0.0
             system.omega_collection[..., 0] = 0.0
 

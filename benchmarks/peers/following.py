@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.problem import STEPS, Array, exact_path
+from benchmarks.peers.problem import STEPS, exact_path
 from benchmarks.timing import Measure
+from pcm_gym.arrays import Array
 
 Places = NDArray[np.intp]
 Step = Callable[[Array], Array]

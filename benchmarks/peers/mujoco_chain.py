@@ -18,7 +18,8 @@ import math
 import numpy as np
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import BASES, HOME, Array, inputs_on_path
+from benchmarks.peers.problem import BASES, HOME, inputs_on_path
+from pcm_gym.arrays import Array
 
 _TIME_STEP = 0.5
 _DAMPING = 1.5  # of a hinge, in its stiffness

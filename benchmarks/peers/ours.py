@@ -11,8 +11,9 @@ import gymnasium
 import numpy as np
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import BASES, HOME, INCREMENT, STEPS, Array, inputs_on_path
+from benchmarks.peers.problem import BASES, HOME, INCREMENT, STEPS, inputs_on_path
 from pcm_gym import BranchTracker, Equilibrium, Event, Leg, Mechanism, Revolute, Rod, home_equilibrium
+from pcm_gym.arrays import Array
 
 _ENVIRONMENT = "PCM/2RFR-Reach-v0"
 

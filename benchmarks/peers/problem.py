@@ -37,7 +37,8 @@ def inputs_on_path() -> Array:
     radius = INCREMENT / (2.0 * math.sin(math.pi / STEPS))
     turns = 2.0 * math.pi * np.arange(STEPS) / STEPS
     sideways = np.array([-_TO_CENTRE[1], _TO_CENTRE[0]])
-    return HOME + radius * ((1.0 - np.cos(turns))[:, None] * _TO_CENTRE + np.sin(turns)[:, None] * sideways)
+    path: Array = HOME + radius * ((1.0 - np.cos(turns))[:, None] * _TO_CENTRE + np.sin(turns)[:, None] * sideways)
+    return path
 
 
 def slopes(_: float, state: Array, force_x: float, force_y: float) -> tuple[float, ...]:

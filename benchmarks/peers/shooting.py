@@ -9,7 +9,8 @@ from scipy.integrate import odeint
 from scipy.optimize import root
 
 from benchmarks.peers.following import Places, Step
-from benchmarks.peers.problem import Array, clamped, exact_path, misses, slopes
+from benchmarks.peers.problem import clamped, exact_path, misses, slopes
+from pcm_gym.arrays import Array
 
 TOL = 1e-6
 
@@ -22,7 +23,8 @@ def prepare(place: Places) -> Step:
         start = clamped(target, guess[2:])
         force = tuple(guess[:2])
         both: Array = odeint(slopes, start, (0.0, 1.0), args=force, tfirst=True, rtol=TOL, atol=TOL)
-        return both[1]
+        tip: Array = both[1]
+        return tip
 
     def step(target: Array) -> Array:
         nonlocal last

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from benchmarks.__main__ import app
 from benchmarks.peers import catalogue, table
-from benchmarks.peers.following import Peer, follow
+from benchmarks.peers.following import Peer, Places, Step, follow
 from benchmarks.peers.ours import home
 from benchmarks.peers.problem import HOME, INCREMENT, STEPS, exact_path
 from benchmarks.timing import Summary
@@ -21,7 +22,8 @@ PLACES = np.arange(3)
 
 def tips_after(name: str, count: int) -> np.ndarray:
     peer, path = (catalogue.OURS | catalogue.FOLLOWERS)[name], exact_path()
-    step = peer.prepare(np.intp(0))
+    place: Any = np.intp(0)  # the one place of a peer that steps a single mechanism
+    step = peer.prepare(place)
     return np.array([step(path.inputs[place]).copy() for place in range(1, count + 1)])
 
 
@@ -80,7 +82,7 @@ def test_chains_of_links_rest_near_the_exact_tips() -> None:
 def test_the_largest_error_of_the_steps_that_were_taken_is_reported() -> None:
     path = exact_path()
 
-    def prepare(_: object) -> object:
+    def prepare(_: Places) -> Step:
         return lambda inputs: path.tips[(path.inputs == inputs).all(axis=1)][0] + [3e-4, 4e-4]
 
     figures = follow(Peer(prepare, "", ""), 0.0)()

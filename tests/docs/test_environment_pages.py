@@ -4,8 +4,8 @@ import ast
 import inspect
 import re
 from collections.abc import Iterator
+from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -34,14 +34,14 @@ from pcm_gym.environments.rows import Info
 from pcm_gym.environments.settings import BEHAVIOURS
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.tasks import TASKS
+from tests.environments.rollouts import make_bare
 
 LARGEST_PICTURE = 30_000  # bytes
 
 
 @pytest.fixture(scope="module")
 def envs() -> dict[str, MechanismEnv]:
-    names = pcm_gym.environment_ids()
-    return {name: gymnasium.make(name, render_mode="rgb_array").unwrapped for name in names}
+    return {name: make_bare(name, render_mode="rgb_array") for name in pcm_gym.environment_ids()}
 
 
 @pytest.fixture(params=pcm_gym.environment_ids())
@@ -141,7 +141,7 @@ def test_a_section_that_is_missing_is_refused() -> None:
 # The pages, read again, against the environments
 
 
-def test_page_lists_every_element_with_its_bounds(env: MechanismEnv) -> None:
+def test_page_lists_every_element_with_its_bounds(env: Any) -> None:
     spaces = env.observation_space
     for heading, key in (("`observation`", "observation"), ("`achieved_goal` and `desired_goal`", "desired_goal")):
         header, *rows = rows_under(page_of(env), heading)
@@ -164,7 +164,7 @@ def test_weights_of_the_page_give_the_reward(env: MechanismEnv) -> None:
     assert env.compute_reward(achieved, desired, {}) == pytest.approx(expected, rel=1e-6)
 
 
-def test_page_lists_the_action_with_its_increments(env: MechanismEnv) -> None:
+def test_page_lists_the_action_with_its_increments(env: Any) -> None:
     header, *rows = rows_under(page_of(env), "Action")
     assert len(rows) == env.action_space.shape[0]
     assert [float(row[header.index("increment for 1")]) for row in rows] == pytest.approx(env.max_action.tolist())
@@ -178,7 +178,7 @@ def test_page_lists_the_arguments_that_the_environment_takes(env: MechanismEnv) 
     assert listed == set(environment_defaults()) - of_other_tasks
 
 
-def test_defaults_of_the_page_make_the_environment(env: MechanismEnv) -> None:
+def test_defaults_of_the_page_make_the_environment(env: Any) -> None:
     """The class, given by name all that the page says to be a default, does what the environment of the id does."""
     rows = [row for row in rows_under(page_of(env), "Arguments") if row[0] != "argument"]
     made = MechanismEnv(**{row[0]: ast.literal_eval(row[2]) for row in rows})

@@ -26,6 +26,8 @@ from docs.figures.plate import Plate, fixed
 from docs.figures.rods import held_index, load_from_parameters
 from pcm_gym.kernels.rods.rod import rod
 from pcm_gym.kernels.rods.rod import rod_parameters as parameters_of
+from pcm_gym.mechanism import get_mechanism
+from pcm_gym.solving import solve_forward
 
 SMALL: dict[int, Callable[[], Plate]] = {
     3: lambda: rod_modes.make(modes=2),
@@ -95,10 +97,10 @@ def test_held_rod_has_as_many_falling_directions_as_its_index(load: tuple[float,
 
 
 def test_energy_along_a_path_has_the_stiffness_as_its_curvature() -> None:
-    found = solution_sets.solve_forward(solution_sets.get_mechanism("2RFR"), (0.6, 2.2))[0]
+    found = solve_forward(get_mechanism("2RFR"), (0.6, 2.2))[0]
     size = 1e-3
     for direction in np.eye(2):
-        there, back = (energy_landscape.reduced_energy(found, [side * size * direction])[0] for side in (1.0, -1.0))
+        there, back = (energy_landscape.reduced_energy(found, side * size * direction[None])[0] for side in (1.0, -1.0))
         assert (there + back) / size**2 == pytest.approx(direction @ found.stiffness @ direction, rel=1e-3)
 
 

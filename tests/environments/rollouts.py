@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 import pcm_gym
@@ -40,7 +41,12 @@ def mechanism_of(environment_id: str) -> str:
     return environment_id.rpartition("/")[2].split("-")[0]
 
 
-def make_bare(environment_id: str, **keywords: Any) -> Any:
+def make(environment_id: str, **keywords: Any) -> Any:
+    """The single environment as it is registered, with Gymnasium's wrappers."""
+    return gymnasium.make(environment_id, **keywords)
+
+
+def make_bare(environment_id: str | EnvSpec, **keywords: Any) -> Any:
     """The single environment without any wrapper."""
     return gymnasium.make(environment_id, **keywords).unwrapped
 

@@ -26,6 +26,7 @@ from tests.environments.rollouts import (
     digests_of_all,
     folding_arguments,
     leaves,
+    make,
     make_bare,
     make_native,
     mechanism_of,
@@ -78,7 +79,7 @@ def test_spec_survives_json_and_pickle(environment_id: str) -> None:
 
 
 def test_name_with_module_can_be_made(environment_id: str) -> None:
-    assert gymnasium.make(f"pcm_gym:{environment_id}").spec.id == environment_id
+    assert make(f"pcm_gym:{environment_id}").spec.id == environment_id
 
 
 def test_picture_is_of_bytes(environment_id: str) -> None:
@@ -330,7 +331,7 @@ def test_losing_stability_terminates_with_a_cost(environment_id: str) -> None:
 def test_running_out_of_time_truncates(environment_id: str) -> None:
     limit = gymnasium.spec(environment_id).max_episode_steps
     assert limit is not None
-    env, batch = gymnasium.make(environment_id), make_native(environment_id, 2)
+    env, batch = make(environment_id), make_native(environment_id, 2)
     env.reset(seed=0)
     batch.reset(seed=0)
     stay = np.zeros(env.action_space.shape, np.float32)
@@ -561,7 +562,7 @@ def test_seeds_of_a_batch_are_those_of_its_rows(environment_id: str) -> None:
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES)
 def test_statistics_of_episodes_can_be_recorded(environment_id: str, mode: AutoresetMode) -> None:
-    env = RecordEpisodeStatistics(make_native(environment_id, 3, autoreset_mode=mode, max_episode_steps=5))
+    env: Any = RecordEpisodeStatistics(make_native(environment_id, 3, autoreset_mode=mode, max_episode_steps=5))
     env.reset(seed=0)
     stay, total = np.zeros(env.action_space.shape, np.float32), np.zeros(3)
     for _ in range(5):
@@ -578,7 +579,7 @@ def test_statistics_of_episodes_can_be_recorded(environment_id: str, mode: Autor
 
 
 def test_observations_can_be_normalised(environment_id: str) -> None:
-    env = NormalizeObservation(FlattenObservation(make_native(environment_id, 20)))
+    env: Any = NormalizeObservation(FlattenObservation(make_native(environment_id, 20)))
     observation, _ = env.reset(seed=0)
     for action in sweeping_actions(60, env.action_space.shape, seed=0):
         observation, *_ = env.step(action)
@@ -593,18 +594,19 @@ def test_observations_can_be_normalised(environment_id: str) -> None:
 def scaled(mechanism: pcm_gym.Mechanism, length: float, stiffness: float) -> pcm_gym.Mechanism:
     """The same mechanism, drawn larger and made of another material."""
 
+    def larger(pair: tuple[float, float]) -> tuple[float, float]:
+        return length * pair[0], length * pair[1]
+
     def leg(old: pcm_gym.Leg) -> pcm_gym.Leg:
         actuator, rod = old.actuator, old.rod
-        base = tuple(length * value for value in actuator.base)
         if isinstance(actuator, pcm_gym.Revolute):
-            new: Any = pcm_gym.Revolute(base, actuator.clamp_angle, actuator.limits)
+            new: Any = pcm_gym.Revolute(larger(actuator.base), actuator.clamp_angle, actuator.limits)
         else:
-            limits = tuple(length * value for value in actuator.limits)
-            new = pcm_gym.Prismatic(base, actuator.axis_angle, actuator.clamp_angle, limits)
-        attachment = tuple(length * value for value in old.attachment)
-        return pcm_gym.Leg(
-            new, pcm_gym.Rod(length * rod.length, stiffness * length**2 * rod.bending_stiffness), attachment
-        )
+            new = pcm_gym.Prismatic(
+                larger(actuator.base), actuator.axis_angle, actuator.clamp_angle, larger(actuator.limits)
+            )
+        thicker = pcm_gym.Rod(length * rod.length, stiffness * length**2 * rod.bending_stiffness)
+        return pcm_gym.Leg(new, thicker, larger(old.attachment))
 
     legs = tuple(leg(old) for old in mechanism.legs)
     inputs_unit = [1.0 if isinstance(old.actuator, pcm_gym.Revolute) else length for old in mechanism.legs]
@@ -646,6 +648,6 @@ def test_units_do_not_matter(environment_id: str, length: float, stiffness: floa
 
 def test_a_mechanism_of_ones_own_takes_the_place_of_the_default(environment_id: str) -> None:
     default = pcm_gym.get_mechanism(mechanism_of(environment_id))
-    env = gymnasium.make(environment_id, mechanism=scaled(default, 2.0, 3.0))
+    env = make(environment_id, mechanism=scaled(default, 2.0, 3.0))
     assert env.unwrapped.mechanism.name == "scaled"
     assert [len(record) for record in pairwise(roll_single(env, 0, 5))]

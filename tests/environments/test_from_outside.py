@@ -15,7 +15,15 @@ from gymnasium.utils.env_checker import check_env
 import pcm_gym
 from pcm_gym.mechanism import catalogue
 from pcm_gym.tasks import TASKS, Generators, starts_of
-from tests.environments.rollouts import INFO_TYPES, assert_same, make_bare, make_native, roll_single, sweeping_actions
+from tests.environments.rollouts import (
+    INFO_TYPES,
+    assert_same,
+    make,
+    make_bare,
+    make_native,
+    roll_single,
+    sweeping_actions,
+)
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,7 @@ def lift_id() -> str:
 def test_task_is_an_environment_like_others(lift_id: str) -> None:
     env = make_bare(lift_id)
     check_env(env, skip_render_check=True)
-    assert gymnasium.make(lift_id).spec.max_episode_steps == 40
+    assert make(lift_id).spec.max_episode_steps == 40
     assert (env.task.rise, make_bare(lift_id, rise=0.2).task.rise) == (0.1, 0.2)
     assert env.witness is None
     pytest.importorskip("stable_baselines3.common.env_checker").check_env(env, warn=True, skip_render_check=True)
@@ -113,7 +121,8 @@ def test_batch_of_a_task_equals_the_single_environment(lift_id: str) -> None:
 
 def test_score_of_a_task_is_reward_and_success(lift_id: str) -> None:
     """Whoever gets up and stays there succeeds, in the step in which the height is held for the third time."""
-    env, rows = make_bare(lift_id, difficulty=None), []
+    env = make_bare(lift_id, difficulty=None)
+    rows: list[tuple[bool, bool]] = []
     env.reset(seed=0)
     while len(rows) < 60:
         slope = env.equilibrium.forward_jacobian[1]
@@ -141,10 +150,11 @@ def test_task_may_be_given_by_class_or_as_it_is_or_by_name() -> None:
     mechanism = pcm_gym.get_mechanism("2PFR")
     assert pcm_gym.register_task(Lift) == "Lift"
     given = Lift(pcm_gym.Goals(mechanism, success_distance=0.03), rise=0.2)
-    made = [
+    arguments: dict[str, Any] = {"rise": 0.2, "success_distance": 0.03}
+    made: list[Any] = [
         pcm_gym.MechanismEnv("2PFR", task=given),
-        pcm_gym.MechanismEnv("2PFR", task=Lift, rise=0.2, success_distance=0.03),
-        pcm_gym.MechanismEnv("2PFR", task="Lift", rise=0.2, success_distance=0.03),
+        pcm_gym.MechanismEnv("2PFR", task=Lift, **arguments),
+        pcm_gym.MechanismEnv("2PFR", task="Lift", **arguments),
         pcm_gym.MechanismVectorEnv(1, mechanism="2PFR", task=given)._simulation.settings,
     ]
     assert [env.task for env in made] == [given] * 4
@@ -213,12 +223,12 @@ def test_mechanism_is_an_environment_by_one_call() -> None:
         assert batch.observation_space.contains(observation)
         assert infos["residual"].max() < 1e-9
     assert name not in pcm_gym.environment_ids()
-    assert gymnasium.make(EnvSpec.from_json(gymnasium.spec(name).to_json())).unwrapped.mechanism == three_rfr()
+    assert make_bare(EnvSpec.from_json(gymnasium.spec(name).to_json())).mechanism == three_rfr()
 
 
 def test_registering_again_changes_nothing_and_something_else_is_refused() -> None:
     def register(**changes: Any) -> None:
-        arguments = {"mechanism": three_rfr(), "task": "Track", "time_limit": 50, "path": "circle"}
+        arguments: dict[str, Any] = {"mechanism": three_rfr(), "task": "Track", "time_limit": 50, "path": "circle"}
         pcm_gym.register_environment("My/3RFR-Track-v0", **(arguments | changes))
 
     register()

@@ -14,6 +14,7 @@ from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.mechanism import Leg, Mechanism, Prismatic, Revolute, Rod
 from pcm_gym.solving import snap, solve_forward
+from pcm_gym.tasks.task import OnInstability
 from tests.environments.rollouts import (
     assert_same,
     folding_arguments,
@@ -27,7 +28,7 @@ from tests.reference.discrete_energy import DiscreteEnergy
 from tests.reference.mechanisms import find_equilibria
 
 IDS = [name for name in pcm_gym.environment_ids() if "-Reach-" in name]  # the tasks have no part in it
-BEHAVIOURS = ("terminate", "hold", "snap", "continue")
+BEHAVIOURS: tuple[OnInstability, ...] = ("terminate", "hold", "snap", "continue")
 LOSSES = ("fold", "index_change")
 MANY = 300  # rows that threads share
 
@@ -227,7 +228,7 @@ class TestEveryEnvironment:
         assert infos["index"].tolist() == [unstable.index] * 3
 
 
-def roll_on(env: MechanismEnv) -> list[Any]:
+def roll_on(env: Any) -> list[Any]:
     actions = sweeping_actions(25, env.action_space.shape, seed=8, hold=25)
     return [env.step(action) for action in actions]
 
@@ -261,8 +262,9 @@ def fork() -> Equilibrium:
 class TestPitchfork:
     """Motors that turn alike drive a symmetric mechanism out of one stable branch into two."""
 
-    def stepped(self, fork: Equilibrium, behaviour: str, targets: list[float]) -> tuple[MechanismEnv, list[Any]]:
-        env, here = MechanismEnv(fork.mechanism, on_instability=behaviour, max_action=1.0), BEFORE
+    def stepped(self, fork: Equilibrium, behaviour: OnInstability, targets: list[float]) -> tuple[Any, list[Any]]:
+        env: Any = MechanismEnv(fork.mechanism, on_instability=behaviour, max_action=1.0)
+        here = BEFORE
         env.reset(seed=0, options={"equilibrium": fork, "goal": (0.0, 0.5)})
         records = []
         for target in targets:
@@ -341,8 +343,8 @@ def restless() -> Equilibrium:
 
 
 def test_a_fall_without_a_landing_is_a_failure_of_the_solver_and_nothing_else(restless: Equilibrium) -> None:
-    env = MechanismEnv(restless.mechanism, on_instability="snap")
-    held = MechanismEnv(restless.mechanism, on_instability="hold")
+    env: Any = MechanismEnv(restless.mechanism, on_instability="snap")
+    held: Any = MechanismEnv(restless.mechanism, on_instability="hold")
     for one in (env, held):
         one.reset(seed=0, options={"equilibrium": restless, "goal": restless.pose})
     for _ in range(20):
@@ -364,7 +366,7 @@ def test_a_fall_without_a_landing_is_a_failure_of_the_solver_and_nothing_else(re
 
 
 def test_standing_still_at_the_edge_of_stability_is_no_failure() -> None:
-    env = MechanismEnv("2RFR", on_instability="hold")
+    env: Any = MechanismEnv("2RFR", on_instability="hold")
     home = pcm_gym.home_equilibrium(env.mechanism)
     fold = BranchTracker(env.mechanism, home).step([-0.6, -1.3])
     assert fold.event == Event.FOLD

@@ -16,7 +16,7 @@ from tests.environments.rollouts import assert_same, make_bare, make_native, rol
 NAMES = pcm_gym.mechanism_names()
 DEVIATIONS = {"stiffness": 0.2, "length": 0.05, "base": 0.02}
 LOADS = ((-0.02, -0.05), (0.02, 0.01))
-ALL = {
+ALL: dict[str, Any] = {
     "randomisation": DEVIATIONS,
     "load": LOADS,
     "variants": 3,

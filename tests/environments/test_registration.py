@@ -7,7 +7,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 import pcm_gym
-from pcm_gym.environments.registration import ENVIRONMENTS
+from pcm_gym.environments.registration import ENVIRONMENTS, register_environments
 
 
 def test_every_mechanism_has_every_task_under_the_name_of_both() -> None:
@@ -19,7 +19,7 @@ def test_every_mechanism_has_every_task_under_the_name_of_both() -> None:
 
 def test_registering_twice_changes_nothing() -> None:
     before = dict(gymnasium.registry)
-    pcm_gym.register_environments()
+    register_environments()
     assert dict(gymnasium.registry) == before
     assert all(gymnasium.registry[key] is spec for key, spec in before.items())
 

@@ -135,7 +135,7 @@ def test_make_collects_pictures_in_lists() -> None:
     env.reset(seed=0)
     for _ in range(3):
         env.step(env.action_space.sample())
-    pictures = env.render()
+    pictures: Any = env.render()
     assert isinstance(pictures, list)
     assert [picture.shape for picture in pictures] == [(480, 480, 3)] * 4
 

@@ -27,6 +27,13 @@ def steps_towards(env: Any, inputs: Any) -> list[Any]:
             return results
 
 
+def time_limit(env: Any) -> int:
+    """The steps of an episode of the registered environment."""
+    limit = gymnasium.spec(env.spec.id).max_episode_steps
+    assert limit is not None
+    return limit
+
+
 def assert_free(results: list[Any]) -> None:
     """None of these steps ended the episode or cost anything."""
     assert [result[2:4] for result in results] == [(False, False)] * len(results)
@@ -76,7 +83,7 @@ def test_detours_are_needed_and_free_of_cost(name: str) -> None:
         way = roadmap.way(first, goal)
         results = [result for node in way[1:] for result in steps_towards(env, roadmap.inputs[node])]
         assert_free(results)
-        assert len(results) <= gymnasium.spec(env.spec.id).max_episode_steps
+        assert len(results) <= time_limit(env)
         assert results[-1][-1]["is_success"]
 
 
@@ -213,12 +220,12 @@ def test_a_stable_way_leads_to_the_other_equilibrium(environment_id: str) -> Non
         start = env.equilibrium
         step = np.array(scene.stride) * env.mechanism.units.inputs
         roadmap = pcm_gym.build_roadmap(env.mechanism, [start], step=step, least_margin=scene.reserve)
-        ends = np.flatnonzero(roadmap.cells == roadmap.cells[roadmap.seeds[0]])
+        ends: list[int] = np.flatnonzero(roadmap.cells == roadmap.cells[roadmap.seeds[0]]).tolist()
         goal = next(node for node in ends if np.allclose(roadmap.equilibrium(node).pose, env.goal, atol=1e-6))
         way = roadmap.way(roadmap.seeds[0], goal)
         results = [result for node in way[1:] for result in steps_towards(env, roadmap.inputs[node])]
         assert_free(results)
-        assert len(results) <= gymnasium.spec(env.spec.id).max_episode_steps
+        assert len(results) <= time_limit(env)
         assert results[-1][-1]["is_success"]
 
 

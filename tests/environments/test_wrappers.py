@@ -11,7 +11,7 @@ from gymnasium.wrappers import FlattenObservation, TransformAction
 
 import pcm_gym
 from pcm_gym import BranchTracker, CostStep, Event, SolverShield, VectorSolverShield, environment_ids
-from tests.environments.rollouts import assert_same, make_native, sweeping_actions
+from tests.environments.rollouts import assert_same, make, make_bare, make_native, sweeping_actions
 
 IDS = environment_ids()
 # Clamps that follow late, with play; the mechanism itself is not known exactly.
@@ -43,10 +43,10 @@ def episodes(env: gymnasium.Env, count: int, policy: Policy = straight_on) -> li
 class TestCostStep:
     @pytest.mark.parametrize("name", IDS)
     def test_returns_the_cost_of_the_info_as_third_value(self, name: str) -> None:
-        env, plain = CostStep(gymnasium.make(name)), gymnasium.make(name)
+        env, plain = CostStep(make(name)), make(name)
         env.reset(seed=3)
         plain.reset(seed=3)
-        action = np.ones(env.action_space.shape, dtype=np.float32)
+        action = np.ones(plain.action_space.shape, dtype=np.float32)
         costs = []
         for _ in range(50):
             observation, reward, cost, terminated, truncated, info = env.step(action)
@@ -83,7 +83,7 @@ class TestSolverShield:
             assert ours[4] == {**theirs[4], "shielded": False}
 
     def test_replacement_is_no_farther_from_the_action_than_standing_still(self) -> None:
-        env = SolverShield(gymnasium.make("PCM/2RFR-Reach-v0"), least_margin=0.2)
+        env: Any = SolverShield(gymnasium.make("PCM/2RFR-Reach-v0"), least_margin=0.2)
         replaced = 0
         for seed in range(12):
             env.reset(seed=seed)
@@ -109,18 +109,18 @@ class TestSolverShield:
     @pytest.mark.parametrize("behaviour", ["terminate", "snap", "hold", "continue"])
     def test_stability_and_margin_are_kept_by_clamps_that_follow_late(self, behaviour: str) -> None:
         keywords = {"on_instability": behaviour, **LATE, **RANDOMISED}
-        plain = episodes(gymnasium.make("PCM/2RFR-Reach-v0", **keywords), 8)
-        shielded = episodes(SolverShield(gymnasium.make("PCM/2RFR-Reach-v0", **keywords)), 8)
+        plain = episodes(make("PCM/2RFR-Reach-v0", **keywords), 8)
+        shielded = episodes(SolverShield(make("PCM/2RFR-Reach-v0", **keywords)), 8)
         assert sum(info["cost_unstable"] for info in plain) > 1
         assert sum(info["shielded"] for info in shielded) > 10
         assert not any(info["cost_unstable"] or info["cost_solver"] for info in shielded)
-        least = gymnasium.make("PCM/2RFR-Reach-v0").unwrapped.singular_margin
+        least = make_bare("PCM/2RFR-Reach-v0").singular_margin
         assert min(info["singularity_margin"] for info in shielded) > least * (1.0 - 1e-6)
 
     def test_a_safe_next_step_is_not_enough_where_clamps_follow_late(self) -> None:
         """With the same candidates but without a look at stopping, what is lost is lost for good."""
 
-        def best_next_step(env: gymnasium.Env, wanted: np.ndarray) -> np.ndarray:
+        def best_next_step(env: Any, wanted: np.ndarray) -> np.ndarray:
             generator = np.random.default_rng(0)
             others = generator.uniform(-1.0, 1.0, (200, 2)).astype(np.float32)
             told = env.unwrapped.preview(np.concatenate([wanted[None], others]))
@@ -129,9 +129,9 @@ class TestSolverShield:
             return wanted if is_safe[0] else others[margins[1:].argmax()]
 
         keywords = {"actuator_lag": 5.0}
-        without = episodes(gymnasium.make("PCM/2RFR-Reach-v0", **keywords), 10, best_next_step)
+        without = episodes(make("PCM/2RFR-Reach-v0", **keywords), 10, best_next_step)
         assert any(info["cost_unstable"] for info in without)
-        shielded = episodes(SolverShield(gymnasium.make("PCM/2RFR-Reach-v0", **keywords)), 10)
+        shielded = episodes(SolverShield(make("PCM/2RFR-Reach-v0", **keywords)), 10)
         assert not any(info["cost_unstable"] or info["cost_singular"] for info in shielded)
 
     def test_the_action_that_is_taken_is_one_that_was_asked_about(self) -> None:
@@ -140,7 +140,8 @@ class TestSolverShield:
 
         class Recorder(gymnasium.Wrapper):
             def step(self, action: Any) -> Any:
-                taken.append((action, self.env.unwrapped.preview(action[None])))
+                bare: Any = self.env.unwrapped
+                taken.append((action, bare.preview(action[None])))
                 return self.env.step(action)
 
         env = SolverShield(Recorder(gymnasium.make("PCM/2RFR-Reach-v0", actuator_lag=1.0)), least_margin=0.2)
@@ -175,7 +176,7 @@ class TestSolverShield:
         assert risen > 3
 
     def test_from_an_unstable_start_the_action_asked_for_is_taken_if_none_leads_to_stability(self) -> None:
-        plain = gymnasium.make("PCM/2RFR-Reach-v0", on_instability="continue")
+        plain = make("PCM/2RFR-Reach-v0", on_instability="continue")
         home = pcm_gym.home_equilibrium(plain.unwrapped.mechanism)
         unstable = next(found for found in pcm_gym.solve_forward(home.mechanism, home.inputs) if not found.is_stable)
         env = SolverShield(gymnasium.make("PCM/2RFR-Reach-v0", on_instability="continue"))
@@ -217,7 +218,7 @@ class TestVectorSolverShield:
         self, name: str, keywords: dict[str, Any], mode: AutoresetMode
     ) -> None:
         keywords, margin = {**keywords, "max_episode_steps": 25}, 0.15
-        native = VectorSolverShield(make_native(name, 4, autoreset_mode=mode, **keywords), least_margin=margin)
+        native: Any = VectorSolverShield(make_native(name, 4, autoreset_mode=mode, **keywords), least_margin=margin)
         sync = gymnasium.make_vec(
             name,
             num_envs=4,
@@ -251,7 +252,7 @@ class TestVectorSolverShield:
         )
         many.reset(seed=0)
         few.reset(seed=0)
-        for actions in sweeping_actions(4, many.action_space.shape, seed=0):
+        for actions in sweeping_actions(4, (count, 2), seed=0):
             observation, _, _, _, infos = many.step(actions)
             expected, _, _, _, own = few.step(actions[:3])
             assert_same({key: array[:3] for key, array in observation.items()}, expected)
@@ -286,7 +287,7 @@ class TestVectorSolverShield:
 
     def test_actions_before_the_first_reset_are_refused(self) -> None:
         with pytest.raises(gymnasium.error.ResetNeeded):
-            VectorSolverShield(make_native("PCM/2RFR-Reach-v0", 2)).step(np.zeros((2, 2)))
+            VectorSolverShield(make_native("PCM/2RFR-Reach-v0", 2)).step(np.zeros((2, 2), np.float32))
 
 
 def test_wrappers_have_a_module_of_their_own() -> None:

@@ -32,7 +32,7 @@ def run(name: str) -> Record:
 
 def make(_: argparse.Namespace) -> int:
     """Write the values in the repository."""
-    arrays = {f"{name}/{layer}": array for name in PORTABLE for layer, array in kept(run(name)).items()}
+    arrays: dict[str, Any] = {f"{name}/{layer}": array for name in PORTABLE for layer, array in kept(run(name)).items()}
     np.savez_compressed(PATH, **arrays)
     print(f"{len(PORTABLE)} scenarios, {PATH.stat().st_size / 1e6:.2f} MB in {PATH}")
     return 0
@@ -43,7 +43,9 @@ def write_digests(folder: Path, names: list[str]) -> int:
     records = {name: run(name) for name in names}
     found = {name: digests(record) for name, record in records.items()}
     (folder / "digests.json").write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
-    raw = {f"{name}/{key}": array for name, record in records.items() for key, array in record.fields.items()}
+    raw: dict[str, Any] = {
+        f"{name}/{key}": array for name, record in records.items() for key, array in record.fields.items()
+    }
     np.savez_compressed(folder / "raw.npz", **raw)
     print(f"digests of {len(names)} scenarios in {folder}")
     return 0

@@ -138,7 +138,7 @@ def certificates(family: str) -> Record:
     fold = next(step for step, _ in _losses(mechanism, LOADS[family], count=1))
     problems.append((fold.inputs, fold.load))
     found = [pcm_gym.solve_forward(mechanism, inputs, load, certify=True) for inputs, load in problems]
-    proofs = [own.certificate for own in found]
+    proofs = [own.certificate for own in found if own.certificate is not None]
     summary = [(len(own), proof.proved_count, proof.is_proved) for own, proof in zip(found, proofs, strict=True)]
     reasons = [sum(region.reason == "fold" for region in proof.undecided) for proof in proofs]
     rough = {

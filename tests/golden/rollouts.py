@@ -25,12 +25,15 @@ BEHAVIOURS = ("terminate", "snap", "hold", "continue")
 SINGLE_STEPS, BATCH_STEPS = 240, 60
 # More than one block of lanes.
 BATCH_ROWS = 70
-EXACT = ("is_reset", "terminated", "truncated", "is_success", "index", "event")
+EXACT: tuple[str, ...] = ("is_reset", "terminated", "truncated", "is_success", "index", "event")
 EXACT += ("cost", "cost_unstable", "cost_singular", "cost_limit", "cost_solver")
 CLOSE = ("observation", "achieved_goal", "desired_goal", "reward", "stability_margin", "singularity_margin")
 
-LOADS = {"2RFR": ((-0.1, -0.4), (0.3, 0.1)), "2PFR": ((1.6, -1.2), (2.4, -0.8))}
-LOADS["3PFR"] = ((-0.1, -0.2, -0.02), (0.1, 0.1, 0.02))  # type: ignore[assignment]
+LOADS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "2RFR": ((-0.1, -0.4), (0.3, 0.1)),
+    "2PFR": ((1.6, -1.2), (2.4, -0.8)),
+    "3PFR": ((-0.1, -0.2, -0.02), (0.1, 0.1, 0.02)),
+}
 # Symmetric mechanisms have pairs to switch between whose order is a matter of rounding: not under these loads.
 SWITCH_LOADS = {"2RFR": (0.05, -0.1), "3PFR": (0.05, -0.1, 0.01)}
 PARTS = {"stiffness": 0.2, "length": 0.05, "base": 0.02}

@@ -49,6 +49,7 @@ class TestData:
 
     def test_home_is_within_limits(self, name: str) -> None:
         mechanism = get_mechanism(name)
+        assert mechanism.home_inputs is not None
         assert np.all(mechanism.lower_limits <= mechanism.home_inputs)
         assert np.all(mechanism.home_inputs <= mechanism.upper_limits)
 
@@ -64,6 +65,7 @@ def test_catalogue_is_of_steel_rods() -> None:
 def test_catalogue_has_the_stated_geometry() -> None:
     two_rfr, two_pfr, three_pfr = (get_mechanism(name) for name in ("2RFR", "2PFR", "3PFR"))
     assert [leg.actuator.base for leg in two_rfr.legs] == [(-0.2, 0.0), (0.2, 0.0)]
+    assert two_rfr.home_inputs is not None
     np.testing.assert_allclose(np.degrees(two_rfr.home_inputs), [120.0, 60.0])
     for leg, x in zip(two_pfr.legs, (-0.2, 0.2), strict=True):
         assert isinstance(leg.actuator, Prismatic)

@@ -7,7 +7,7 @@ rests. The chain converges to the rod with the square of the links' length.
 """
 
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.integrate import BDF
@@ -114,7 +114,7 @@ class Chains:
             matrix[hinge, size:free], matrix[size:free, hinge] = -by_pose, -by_pose.T
             tip = self.bases[i] + h * np.array([cosine.sum(), sine.sum()])
             right[hinge] = -CLOSING_RATE * (tip - pose[:2] - arm)
-        solution = np.linalg.solve(matrix, right)
+        solution: Any = np.linalg.solve(matrix, right)
         return solution[:free], -solution[free:].reshape(legs, 2)
 
     def settle(self, z: Array, relative_tol: float = 1e-4) -> Rest:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.rods.rod import rod
 from pcm_gym.kernels.statics.closure import TIP_X, TIP_Y, TURN, evaluate_rods, make_workspace, set_inputs
@@ -68,7 +68,7 @@ _SEARCH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations
 
 
 @kernel
-def newton_from_all(legs: Array, inputs: Array, load: Array, states: Array) -> Array:
+def newton_from_all(legs: Array, inputs: Array, load: Array, states: Array) -> Mask:
     """Correct each state (m, size) in place, its pose taken from its rods' tips; return which converged, (m,) bools."""
     leg_count, size = legs.shape[0], states.shape[1]
     pose, work = 2 * leg_count, make_workspace(leg_count, size)
@@ -99,7 +99,7 @@ def find_equilibria(
 
 
 @kernel
-def newton_at_pose_from_all(legs: Array, load: Array, states: Array, inputs: Array) -> Array:
+def newton_at_pose_from_all(legs: Array, load: Array, states: Array, inputs: Array) -> Mask:
     """Correct each pair of state (m, size) and inputs (m, legs), in place, at its pose; return which converged."""
     work = make_workspace(legs.shape[0], states.shape[1])
     converged = np.zeros(states.shape[0], dtype=np.bool_)

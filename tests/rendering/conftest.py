@@ -16,6 +16,7 @@ KEPT_COUNT = 12  # of the most stable, and of the least
 def home_equilibria(name: str) -> list[Equilibrium]:
     """Return equilibria at the home inputs, the stable ones first."""
     mechanism = get_mechanism(name)
+    assert mechanism.home_inputs is not None
     found = list(solve_forward(mechanism, mechanism.home_inputs, rho_max=RHO_MAX[mechanism.dof]))
     found.sort(key=lambda equilibrium: (equilibrium.index, equilibrium.energy))
     return found if len(found) < 2 * KEPT_COUNT else found[:KEPT_COUNT] + found[-KEPT_COUNT:]

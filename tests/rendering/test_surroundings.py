@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -346,7 +347,7 @@ def test_equal_arguments_give_equal_frames_and_stay_as_they_are(
     region = ring_region(FrameRenderer(mechanism).camera)
     path = poses_at(np.random.default_rng(0).normal(size=(20, 2)), mechanism)
     kept, ghosts = path.copy(), list(others)
-    arguments = {"ghosts": ghosts, "target": others[0], "path": path, "snapped": True}
+    arguments: dict[str, Any] = {"ghosts": ghosts, "target": others[0], "path": path, "snapped": True}
     frames = [FrameRenderer(mechanism, workspace=region).draw(stable, **arguments) for _ in range(2)]
     np.testing.assert_array_equal(frames[0], frames[1])
     np.testing.assert_array_equal(path, kept)

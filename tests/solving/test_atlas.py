@@ -4,6 +4,7 @@ import math
 from collections import deque
 from dataclasses import fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def explore(atlas: Atlas, start: Equilibrium) -> dict[tuple[int, int], tuple[tup
         assert gaps.min() < 1e-5
         return cell, int(rows[gaps.argmin()])
 
-    reached = {key(start): (None, start)}
+    reached: dict[tuple[int, int], tuple[tuple[int, int] | None, Equilibrium]] = {key(start): (None, start)}
     queue = deque(reached)
     while queue:
         place = queue.popleft()
@@ -436,8 +437,9 @@ def test_wrong_arguments_of_build_atlas_are_refused(arguments, message):
 
 
 def test_a_number_of_cells_that_is_not_whole_is_refused():
+    wrong: Any = 2.5
     with pytest.raises(TypeError, match="seed_nodes must be a whole number"):
-        build_atlas(get_mechanism("2PFR"), progress=False, seed_nodes=2.5)
+        build_atlas(get_mechanism("2PFR"), progress=False, seed_nodes=wrong)
 
 
 def test_a_mechanism_without_stable_equilibria_is_refused():

@@ -200,6 +200,7 @@ class TestInterface:
 
     def test_only_forward_problems_of_two_legs(self) -> None:
         platform = get_mechanism("3PFR")
+        assert platform.home_inputs is not None
         with pytest.raises(ValueError, match="certify is available for the forward problem of two legs, got 3 legs"):
             solve_forward(platform, platform.home_inputs, certify=True)
         with pytest.raises(

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -151,6 +151,7 @@ class TestOutsideNumbers:
     @pytest.mark.slow
     def test_count_of_the_3pfr(self) -> None:
         mechanism = get_mechanism("3PFR")
+        assert mechanism.home_inputs is not None
         found = solve_forward(mechanism, mechanism.home_inputs, rho_max=6.5)
         assert len(found) == 32
         assert sum(e.is_stable for e in found) == 6
@@ -224,7 +225,8 @@ class TestSets:
         for seed in self.SEEDS[:10]:
             case = Problem(seed)
             found, back = case.forward(), case.inverse()
-            for modes in ([1, 1], [1, {1, 2, 3}], [{2}, [1, 2]], (np.int64(2), (2, 3)), [{4}, {1}]):
+            choices: list[Any] = [[1, 1], [1, {1, 2, 3}], [{2}, [1, 2]], (np.int64(2), (2, 3)), [{4}, {1}]]
+            for modes in choices:
                 allowed = [
                     {int(mode)} if np.ndim(mode) == 0 and not isinstance(mode, set) else set(mode) for mode in modes
                 ]
@@ -541,7 +543,7 @@ class TestMisuse:
             ([-math.inf, 1.0], "inputs must be finite"),
         ],
     )
-    def test_bad_inputs(self, inputs: object, message: str) -> None:
+    def test_bad_inputs(self, inputs: Any, message: str) -> None:
         with pytest.raises(ValueError, match=message):
             solve_forward(self.MECHANISM, inputs)
 
@@ -554,7 +556,7 @@ class TestMisuse:
             ([0.0, math.inf], "pose must be finite"),
         ],
     )
-    def test_bad_pose(self, pose: object, message: str) -> None:
+    def test_bad_pose(self, pose: Any, message: str) -> None:
         with pytest.raises(ValueError, match=message):
             solve_inverse(self.MECHANISM, pose)
 
@@ -563,8 +565,9 @@ class TestMisuse:
             solve_forward(self.MECHANISM, ["left", "right"])
         with pytest.raises(TypeError, match="pose must be 2 numbers"):
             solve_inverse(self.MECHANISM, ["here", "there"])
+        wrong: Any = "far"
         with pytest.raises(TypeError, match="rho_max must be a number"):
-            solve_forward(self.MECHANISM, [2.0, 1.0], rho_max="far")
+            solve_forward(self.MECHANISM, [2.0, 1.0], rho_max=wrong)
 
     @pytest.mark.parametrize("is_inverse", [False, True])
     @pytest.mark.parametrize(
@@ -635,7 +638,7 @@ class TestMisuse:
 
     def test_arguments_are_left_alone(self) -> None:
         inputs, pose, load = np.array([2.0, 1.0]), np.array([0.1, 0.6]), np.array([0.3, -0.4])
-        modes = [{1, 2}, 1]
+        modes: list[int | set[int]] = [{1, 2}, 1]
         kept = inputs.copy(), pose.copy(), load.copy()
         solve_forward(self.MECHANISM, inputs, load, modes=modes)
         solve_inverse(self.MECHANISM, pose, load, modes=modes)

@@ -178,7 +178,8 @@ class TestMargin:
                 changes["limits"] = tuple(scale * x for x in leg.actuator.limits)
             actuator = replace(leg.actuator, **changes)
             rod = Rod(scale * leg.rod.length, 7.0 * leg.rod.bending_stiffness)
-            legs.append(Leg(actuator, rod, tuple(scale * x for x in leg.attachment)))
+            x, y = leg.attachment
+            legs.append(Leg(actuator, rod, (scale * x, scale * y)))
         larger = Mechanism("larger", tuple(legs))
         inputs = state.inputs * (scale if is_rail else 1.0)
         same = Equilibrium(larger, state.state, inputs, state.load)

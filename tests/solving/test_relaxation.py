@@ -56,10 +56,10 @@ class TestLanding:
     @pytest.mark.parametrize("key", FOLDS)
     def test_is_where_chains_of_links_come_to_rest(self, key: str, snaps: dict[str, tuple[Equilibrium, Snap]]) -> None:
         """Pushed a little through the fold; the landing is followed to the same inputs. The chains' error is O(h^2)."""
-        fold, *way = fold_on_the_way(*FOLDS[key])
+        fold, inputs_rate, load_rate = fold_on_the_way(*FOLDS[key])
         distances = []
         for links in (16, 32):
-            rest, inputs, load = push_over(fold, *way, links)
+            rest, inputs, load = push_over(fold, inputs_rate, load_rate, links)
             step = BranchTracker(fold.mechanism, snaps[key][1].equilibrium).step(inputs, load)
             assert step.event == Event.NONE
             distances.append(np.abs(rest.joints - step.equilibrium.shape(links + 1)).max())

@@ -46,7 +46,7 @@ def independent_fold(start: Equilibrium, inputs: np.ndarray, load: np.ndarray) -
 
 def lines_to_follow(seed: int = 16) -> list[tuple[Equilibrium, np.ndarray, np.ndarray]]:
     """Return starts and targets: random mechanisms with unequal rods, both inputs and load moving far."""
-    lines = []
+    lines: list[tuple[Equilibrium, np.ndarray, np.ndarray]] = []
     for family in FAMILIES:
         rng = np.random.default_rng(seed)
         while sum(line[0].mechanism.name == family for line in lines) < 4:

@@ -86,7 +86,8 @@ def test_table_is_complete(name: str) -> None:
         assert element.unit
         assert -np.inf < element.low < element.high < np.inf
     box = box_of(observation_elements(mechanism))
-    assert (box.dtype, box.shape) == (np.float64, (len(elements),))
+    assert box.dtype == np.float64
+    assert box.shape == (len(elements),)
     assert Goals(mechanism).box.shape == ((2,) if mechanism.dof == 2 else (4,))
 
 
@@ -145,6 +146,6 @@ def test_bound_on_the_pose_covers_the_legs_stretched_out() -> None:
 
 def test_elements_name_the_spaces_of_the_registered_environments() -> None:
     for environment_id in pcm_gym.environment_ids():
-        env = gymnasium.make(environment_id)
+        env: Any = gymnasium.make(environment_id)
         elements = env.unwrapped.elements
         assert env.observation_space["observation"].shape == (len(elements),)

@@ -75,7 +75,7 @@ def test_unusable_hyperparameter_is_named(hyperparameters: dict[str, Any], messa
 
 
 def test_goal_error_features_hold_the_error_coarse_and_fine() -> None:
-    env = make_training_env(experiment())
+    env: Any = make_training_env(experiment())
     extractor = GoalErrorFeatures(env.observation_space, fine=0.1)
     observations = {key: np.zeros((2, *space.shape), np.float32) for key, space in env.observation_space.items()}
     observations["desired_goal"][0] = [0.3, 0.4]
@@ -86,17 +86,17 @@ def test_goal_error_features_hold_the_error_coarse_and_fine() -> None:
 
 
 def test_goals_are_not_normalised() -> None:
-    env = new_learner(experiment()).get_env()
+    env: Any = new_learner(experiment()).get_env()
     assert env is not None
     env.seed(0)
     observations = env.reset()
-    original = env.get_original_obs()  # type: ignore[attr-defined]
+    original = env.get_original_obs()
     np.testing.assert_array_equal(observations["desired_goal"], original["desired_goal"])
     assert (observations["observation"] != original["observation"]).any()
 
 
 def test_training_episodes_end_by_time_as_truncations() -> None:
-    env = make_training_env(experiment())
+    env: Any = make_training_env(experiment())
     env.seed(0)
     env.reset()
     still = np.zeros((env.num_envs, *env.action_space.shape), dtype=np.float32)
@@ -114,10 +114,10 @@ def test_training_episodes_end_by_time_as_truncations() -> None:
 @pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
 def test_loaded_learner_acts_as_the_saved_one(tmp_path: Path, algorithm: str) -> None:
     config = experiment(algorithm=algorithm, hyperparameters=SMALL_NETWORK)
-    learner = new_learner(config)
+    learner: Any = new_learner(config)
     save_learner(learner, tmp_path)
-    loaded = load_learner(config, tmp_path)
-    observations = learner.get_env().reset()  # type: ignore[union-attr]
+    loaded: Any = load_learner(config, tmp_path)
+    observations = learner.get_env().reset()
     expected, _ = learner.predict(observations, deterministic=True)
     found, _ = loaded.predict(observations, deterministic=True)
     np.testing.assert_array_equal(found, expected)
@@ -132,15 +132,15 @@ def test_hindsight_learns_from_rewards_that_the_batch_recomputes(tmp_path: Path)
     hyperparameters = SMALL_NETWORK | {"learning_starts": 500, "batch_size": 16, "buffer_size": 2_000}
     environment = {"id": "PCM/2RFR-Reach-v0", "kwargs": {"reward_type": "sparse"}}
     config = experiment(algorithm="SAC", hyperparameters=hyperparameters, environment=environment, hindsight={})
-    learner = new_learner(config)
+    learner: Any = new_learner(config)
     learner.learn(800)
-    sampled = learner.replay_buffer.sample(64)  # type: ignore[attr-defined]
+    sampled = learner.replay_buffer.sample(64)
     assert np.isfinite(sampled.rewards.numpy()).all()
 
     save_learner(learner, tmp_path)
-    loaded = load_learner(config, tmp_path)
-    assert loaded.replay_buffer.size() == learner.replay_buffer.size()  # type: ignore[attr-defined]
-    observations = learner.get_env().reset()  # type: ignore[union-attr]
+    loaded: Any = load_learner(config, tmp_path)
+    assert loaded.replay_buffer.size() == learner.replay_buffer.size()
+    observations = learner.get_env().reset()
     expected, _ = learner.predict(observations, deterministic=True)
     found, _ = load_model(config.algorithm, tmp_path / MODEL).predict(observations, deterministic=True)
     np.testing.assert_array_equal(found, expected)

@@ -118,7 +118,7 @@ def test_seed_and_options_hold_for_one_reset(adapter: NativeVecEnv) -> None:
     np.testing.assert_array_equal(adapter.reset(), first)
     adapter.set_options({"first": 0.25})
     np.testing.assert_array_equal(adapter.reset(), np.full((3, 1), 0.25))
-    assert (adapter.reset() != 0.25).all()
+    assert (np.asarray(adapter.reset()) != 0.25).all()
     assert [info["phase"] for info in adapter.reset_infos] == ["reset"] * 3
 
 

@@ -1,5 +1,7 @@
 """The layout of a block: what is declared is where it stands, and overlays are refused that would not fit."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,8 @@ from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, LegLanes, _runs,
 def test_fields_that_lie_over_none_are_apart(lanes: type) -> None:
     record = record_of(lanes)
     owners = np.zeros(record.itemsize, dtype=int)
-    for name, (kind, offset) in record.fields.items():
+    fields: Any = record.fields
+    for name, (kind, offset) in fields.items():
         if not vars(lanes)[name].over:
             owners[offset : offset + kind.itemsize] += 1
     assert (owners == 1).all()

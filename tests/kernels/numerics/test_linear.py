@@ -148,7 +148,8 @@ def test_null_vector_is_sent_to_zero(size: int) -> None:
     rng, found = np.random.default_rng(size), np.empty(size)
     matrix = rng.normal(size=(size, size - 1)) @ rng.normal(size=(size - 1, size))
     null_vector(matrix.copy(), size, found)
-    np.testing.assert_allclose(matrix @ found, 0.0, atol=1e-11 * np.linalg.norm(found) * np.linalg.norm(matrix))
+    tolerance = float(1e-11 * np.linalg.norm(found) * np.linalg.norm(matrix))
+    np.testing.assert_allclose(matrix @ found, 0.0, atol=tolerance)
 
 
 @pytest.mark.parametrize("eigenvalues", [(1.0, 2.0), (3.0, 3.0, 5.0), (1e6, -2.0, 1e-3)])

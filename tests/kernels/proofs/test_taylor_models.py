@@ -23,7 +23,7 @@ parts = st.floats(-1.0, 1.0)
 @st.composite
 def models(draw: st.DrawFn) -> Model:
     remainder = draw(st.sampled_from([0.0, 1e-16, 1e-6, 0.3]))
-    return Model(*(draw(coefficients) for _ in POWERS), remainder)
+    return Model._make([*(draw(coefficients) for _ in POWERS), remainder])
 
 
 def polynomial(a: Model, s: float, t: float) -> mpf:

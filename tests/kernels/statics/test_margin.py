@@ -76,7 +76,7 @@ def test_bend_of_a_rod_is_the_second_difference_along_its_path() -> None:
     rho, b = generator.uniform(0.3, 9.0, 500), generator.uniform(-3.1, 3.1, 500)
     rates = generator.normal(size=(500, 2)) * [1.0, 0.3]
 
-    def values(t: float) -> np.ndarray:
+    def values(t: float) -> tuple[np.ndarray, np.ndarray]:
         own_rho, own_b = rho + t * rates[:, 0], b + t * rates[:, 1]
         g = np.column_stack([own_rho**2 * np.cos(own_b), -(own_rho**2) * np.sin(own_b)])
         return g, np.array([rod(*map(float, row))[:4] for row in g])
@@ -165,5 +165,5 @@ def test_margin_in_lanes_is_the_scalar_one(name: str, is_loaded: bool) -> None:
         assert np.all((found >= 0.0) & (found < 10.0 + 1e-9))
         is_calm = stepped.verdicts["residual"] < 1e-12
         np.testing.assert_allclose(found[is_calm], expected[is_calm], rtol=1e-7, atol=1e-9)
-        stopped += np.count_nonzero(np.isin(stepped.verdicts["event"], (1, 2)))
+        stopped += int(np.count_nonzero(np.isin(stepped.verdicts["event"], (1, 2))))
     assert stopped > 0 or name == "2PFR"
