@@ -257,7 +257,7 @@ def test_a_fall_leads_to_goals_that_no_stable_way_leads_to(name: str) -> None:
 
 
 def test_falls_as_a_goal_need_falls_that_are_followed() -> None:
-    with pytest.raises(ValueError, match="on_instability must be 'snap'"):
+    with pytest.raises(ValueError, match=r"on_instability must be one of \['snap'\]"):
         make_bare("PCM/2RFR-Switch-v0", difficulty="fall")
 
 
