@@ -138,7 +138,7 @@ def step_parts(environment_id: str) -> Measure:
     simulation, model = env._simulation, env._simulation.settings.mechanism
     start = States(*(array.copy() for array in simulation.rows.states))
     legs, stride, rules = model.leg_table, simulation.settings.stride, simulation.settings.rules
-    lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
+    lower, upper = model.kernel_limits
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_ROWS, model.leg_count))
     targets = np.clip(start.inputs + actions * stride, lower, upper)
     moves = Moves(actions, stride)

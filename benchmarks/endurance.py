@@ -232,7 +232,7 @@ def _rules(
     yield "no success without stability", is_stable | ~infos["is_success"]
 
     model = simulation.settings.mechanism
-    lower, upper = model.lower_limits / model.units.inputs, model.upper_limits / model.units.inputs
+    lower, upper = model.kernel_limits
     wish = before.inputs + np.clip(actions, -1.0, 1.0) * simulation._stride
     target = np.clip(wish, lower, upper)
     states = simulation.rows.states

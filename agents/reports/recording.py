@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import pcm_gym
 from agents.controllers.controller import Controller
@@ -102,13 +102,12 @@ def _frame(equilibrium: pcm_gym.Equilibrium, goal: NDArray[np.float64], info: Ma
 
 
 def _actuator(actuator: pcm_gym.Revolute | pcm_gym.Prismatic) -> Json:
-    base = np.array(actuator.base, dtype=np.float64)
     if actuator.is_angle:
-        return {"kind": "revolute", "base": _whole(base)}
-    return {"kind": "prismatic", "rail": [_whole(base + limit * np.array(actuator.axis)) for limit in actuator.limits]}
+        return {"kind": "revolute", "base": _whole(actuator.base)}
+    return {"kind": "prismatic", "rail": [_whole(actuator.clamp_point(limit)) for limit in actuator.limits]}
 
 
-def _whole(lengths: NDArray[np.float64]) -> Any:
+def _whole(lengths: ArrayLike) -> Any:
     return np.rint(np.asarray(lengths) / RESOLUTION_M).astype(int).tolist()
 
 

@@ -119,6 +119,8 @@ DEFAULTS: EnvironmentArguments = {
 # Arguments that a task of the package has of its own, and those that every environment has.
 _OF_TASKS = {name for task in TASKS.values() for name in task.argument_names()}
 _COMMON = tuple(name for name in DEFAULTS if name not in _OF_TASKS)
+# What environments and their batches take beside these.
+CONSTRUCTION = ("mechanism", "num_envs", "max_episode_steps", "autoreset_mode", "threads")
 
 
 def task_arguments(task: type[Task], arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -135,7 +137,7 @@ def task_arguments(task: type[Task], arguments: Mapping[str, Any]) -> dict[str, 
     allowed = ["mechanism", *_COMMON, *own]
     for key in arguments.keys() - {*allowed, *_OF_TASKS}:
         raise TypeError(f"{key!r} is no argument of an environment with task {name!r}, which takes {allowed}")
-    for key in {*own} & {*_COMMON}:
+    for key in {*own} & {*_COMMON, *CONSTRUCTION}:
         raise TypeError(f"{key!r} must not be an argument of task {name!r}: every environment has one of that name")
     found = {key: value for key, value in arguments.items() if key not in _COMMON and value is not None}
     for key in found.keys() - {*own}:

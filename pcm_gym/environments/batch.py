@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
-from pcm_gym.environments.preview import Preview, checked_choices, preview
+from pcm_gym.environments.preview import Preview, checked_actions, preview
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -109,11 +109,11 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Begin new episodes: all of them, or those in ``options["reset_mask"]``, a bool array (num_envs,)."""
         options = dict(options or {})
         mask = self._checked_mask(options.pop("reset_mask", None))
-        self._is_reset = True
         for row, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None and mask[row]:
                 self._generators[row], self._generator_seeds[row] = seeding.np_random(own_seed)
         self._begin(mask, options)
+        self._is_reset = True
         # the others must not draw any noise
         generators = [
             own if begun else np.random.default_rng(0) for own, begun in zip(self._generators, mask, strict=True)
@@ -153,8 +153,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """
         if not self._is_reset:
             raise gymnasium.error.ResetNeeded("preview() was called before the first reset()")
-        legs = self._simulation.settings.mechanism.leg_count
-        return preview(self._simulation, checked_choices(actions, (self.num_envs, "k", legs)))
+        return preview(self._simulation, checked_actions(actions, (self.num_envs, "k", self.mechanism.leg_count)))
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
@@ -259,13 +258,8 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
             raise ValueError("options['reset_mask'] must have at least one True value")
         return mask
 
-    def _checked_actions(self, actions: ArrayLike) -> NDArray[np.float64]:
-        values = np.array(actions, dtype=np.float64, order="C")  # one layout, so that kernels are compiled once
-        if values.shape != self.action_space.shape:
-            raise ValueError(f"actions must have shape {self.action_space.shape}, got {values.shape}")
-        if not np.isfinite(values).all():
-            raise ValueError(f"actions must be finite, got {values[~np.isfinite(values).all(axis=1)].tolist()}")
-        return values
+    def _checked_actions(self, actions: ArrayLike) -> Array:
+        return checked_actions(actions, (self.num_envs, self.mechanism.leg_count))
 
 
 def _with_masks(infos: dict[str, Any], mask: Mask | None = None) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def episode_starts(
         own = [generators[member] for member in members.tolist()]
         states, goals, witness = _drawn(settings, scene, own, threads)
         if goal is not None:
-            goals[:], witness[:] = goal
+            goals, witness = _filled(goals, goal[0]), _filled(witness, goal[1])
         yield EpisodeStarts(members, number, states, goals, witness)
 
 
@@ -119,6 +119,11 @@ def _scene_for(scene: Scene, options: Mapping[str, Any]) -> Scene:
     start, load = options.get("equilibrium"), np.array(scene.load)
     start = scene.home if start is None else reached(start, start.inputs, load, "load")
     return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
+
+
+def _filled(array: Array, values: Array) -> Array:
+    """Return an array of the shape of another one, with the same values (k,) all over its last axis."""
+    return np.tile(values, (*array.shape[:-1], 1))
 
 
 def _goal_from(settings: Settings, wanted: Any) -> tuple[Array, Array]:

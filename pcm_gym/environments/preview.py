@@ -10,7 +10,7 @@ from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.stepping.report import Costs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Preview:
     """What steps would come to, with each of several actions.
 
@@ -83,16 +83,19 @@ def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Int
     return rewards
 
 
-def checked_choices(actions: ArrayLike, shape: tuple[int | str, ...]) -> Array:
-    """Return actions to choose from as a new array of a shape, in which a name stands for any number."""
+def checked_actions(actions: ArrayLike, shape: tuple[int | str, ...]) -> Array:
+    """Return actions as a new array of a shape, in which a name stands for any number; raise if they are not such."""
     try:
-        values = np.array(actions, dtype=np.float64, order="C")
+        values = np.array(actions, dtype=np.float64, order="C")  # one layout, so that kernels are compiled once
     except (TypeError, ValueError):
         raise TypeError(f"actions must be an array of numbers, got {actions!r}") from None
-    fits = [isinstance(size, str) or size == own for size, own in zip(shape, values.shape, strict=False)]
-    if values.ndim != len(shape) or not all(fits):
+    if values.shape != shape and not _fits(values.shape, shape):
         raise ValueError(f"actions must have shape ({', '.join(map(str, shape))}), got {values.shape}")
-    is_finite = np.isfinite(values).all(axis=-1)
+    is_finite = np.isfinite(values)
     if not is_finite.all():
-        raise ValueError(f"actions must be finite, got {values[~is_finite].tolist()}")
+        raise ValueError(f"actions must be finite, got {values[~is_finite.all(axis=-1)].tolist()}")
     return values
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
+    return len(shape) == len(wanted) and all(isinstance(n, str) or n == m for m, n in zip(shape, wanted, strict=True))

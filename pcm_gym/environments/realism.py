@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.environments.motion import Motion, Response
 from pcm_gym.mechanism import Mechanism, Rod
-from pcm_gym.mechanism.validation import finite_number, finite_vector, one_of
+from pcm_gym.mechanism.validation import finite_number, finite_vector, number_not_negative, one_of
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,7 @@ class Actuators:
         play = units.kernel_from_inputs(per_leg("backlash", backlash, mechanism))
         if not (play >= 0.0).all():
             raise ValueError(f"backlash must be at least 0, got {backlash!r}")
-        if finite_number("actuator_lag", lag) < 0.0:
-            raise ValueError(f"actuator_lag must be at least 0, got {lag}")
-        return cls(float(lag), rates, play)
+        return cls(number_not_negative("actuator_lag", lag), rates, play)
 
     @cached_property
     def are_ideal(self) -> bool:

@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium
+import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from pcm_gym.environments.arguments import task_arguments
-from pcm_gym.mechanism import Mechanism, register_mechanism
+from pcm_gym.mechanism import Mechanism, get_mechanism, register_mechanism
+from pcm_gym.mechanism.validation import whole_number
 from pcm_gym.tasks import Task, register_task, task_type
 
 
@@ -91,17 +93,20 @@ def register_environment(
     time_limit : int, optional
         Steps after which an episode is truncated; never by default.
     **arguments
-        Any of `EnvironmentArguments`, and the task's own, where they differ from the defaults. Only what JSON can hold
-        lets the environment's specification be written as such.
+        Any of `EnvironmentArguments`, and the task's own, where they differ from the defaults. Arrays are kept as
+        lists; only what JSON can hold lets the environment's specification be written as such.
 
     Raises
     ------
     TypeError
         If there is no such argument.
     ValueError
-        If the id, or the name of the mechanism or of the task, is that of another one.
+        If the id, or the name of the mechanism or of the task, is that of another one; if there is none of that name.
     """
     task_arguments(task_type(task), arguments)
-    mechanism = mechanism if isinstance(mechanism, str) else register_mechanism(mechanism)
+    arguments = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in arguments.items()}
+    if time_limit is not None:
+        time_limit = whole_number("time_limit", time_limit, least=1)
+    mechanism = register_mechanism(get_mechanism(mechanism) if isinstance(mechanism, str) else mechanism)
     task = task if isinstance(task, str) else register_task(task)
     Registered(environment_id, mechanism, task, time_limit, arguments).register()

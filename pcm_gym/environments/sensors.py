@@ -66,10 +66,10 @@ def _told(settings: Settings) -> Iterator[_Told]:
     for steps in settings.task.look_ahead:
         yield _Told(Part(f"goal_in_{steps}", settings.task.goals.elements_in(steps)), partial(_goals_in, steps))
     if settings.load_varies and settings.observe_load:
-        loads = settings.load_range / units.load
+        loads = units.kernel_from_load(settings.load_range)
         yield _Told(Part("load", load_elements(mechanism)), lambda state, rows: _within(state.load[rows], loads))
     if not settings.actuators.are_ideal:
-        limits = np.stack([mechanism.lower_limits, mechanism.upper_limits]) / units.inputs
+        limits = np.stack(mechanism.kernel_limits)
         part = Part("commands", command_elements(mechanism))
         yield _Told(part, lambda state, rows: _within(state.commands[rows], limits))
 

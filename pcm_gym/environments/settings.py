@@ -12,7 +12,7 @@ from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.kernels.stepping.report import StepRules
 from pcm_gym.mechanism import Mechanism, get_mechanism
-from pcm_gym.mechanism.validation import finite_number, one_of, positive_number, whole_number
+from pcm_gym.mechanism.validation import number_not_negative, one_of, positive_number, whole_number
 from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
 
 # What may happen where stability is lost, and the kernels' codes.
@@ -101,7 +101,7 @@ class Settings:
             actuators=Actuators.from_arguments(
                 mechanism, given["actuator_lag"], given["rate_limit"], given["backlash"]
             ),
-            observation_noise=_not_negative("observation_noise", given["observation_noise"]),
+            observation_noise=number_not_negative("observation_noise", given["observation_noise"]),
             render_mode=one_of("render_mode", given["render_mode"], (None, "rgb_array")),
             render_ghosts=one_of("render_ghosts", given["render_ghosts"], (False, True)),
             render_workspace=given["render_workspace"],
@@ -204,13 +204,6 @@ def _steps(mechanism: Mechanism, max_action: ArrayLike | None) -> Array:
     if not np.all(steps > 0.0):
         raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
     return steps
-
-
-def _not_negative(name: str, value: Any) -> float:
-    number = finite_number(name, value)
-    if number < 0.0:
-        raise ValueError(f"{name} must be at least 0, got {number}")
-    return number
 
 
 def _variants(value: Any) -> int:

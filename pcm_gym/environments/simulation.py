@@ -13,15 +13,12 @@ from pcm_gym.environments.motion import Motion, Response
 from pcm_gym.environments.rows import Outcome, Rows
 from pcm_gym.environments.sensors import Sensors
 from pcm_gym.environments.settings import Settings
+from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
 from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
-from pcm_gym.solving import Equilibrium, Event
-from pcm_gym.solving.tracking import EVENTS
+from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Generators, Scene, box_of
-
-_NO_EVENT, _ACTUATOR_LIMIT = EVENTS.index(Event.NONE), EVENTS.index(Event.ACTUATOR_LIMIT)
-_SOLVER_FAILURE = EVENTS.index(Event.SOLVER_FAILURE)
 
 
 class Simulation:
@@ -198,7 +195,7 @@ class Simulation:
             {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
             rewards,
             is_lost,
-            verdicts["event"] == _SOLVER_FAILURE,
+            verdicts["event"] == SOLVER_FAILURE,
             state.held[rows] >= self.settings.hold_steps,
             verdicts,
             task.metrics(achieved, desired),
@@ -224,8 +221,8 @@ def _settle(motion: Motion, rows: Integers, response: Response, report: Report) 
     The mechanism's own limits are met by none of them; who was stopped on the way forgets what it was told.
     """
     events, is_cut = report.verdicts["event"][rows], response.is_cut[rows]
-    is_usual = (events == _NO_EVENT) | (events == _ACTUATOR_LIMIT)
-    report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, _ACTUATOR_LIMIT, _NO_EVENT), events)
+    is_usual = (events == NONE) | (events == ACTUATOR_LIMIT)
+    report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, ACTUATOR_LIMIT, NONE), events)
     report.verdicts["cost_limit"][rows] = is_cut
     arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
     motion.commands[rows] = np.where(arrived, response.commands[rows], motion.inputs[rows])

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
-from pcm_gym.environments.preview import Preview, checked_choices, preview
+from pcm_gym.environments.preview import Preview, checked_actions, preview
 from pcm_gym.environments.rows import Outcome
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -202,7 +202,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Nothing is moved and no random number is drawn; `step` of an action does what was told of it, to the last bit.
         """
-        return preview(self._simulation, checked_choices(actions, ("k", self.mechanism.leg_count)))
+        return preview(self._simulation, checked_actions(actions, ("k", self.mechanism.leg_count)))
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""

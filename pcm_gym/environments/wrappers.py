@@ -128,11 +128,11 @@ class VectorSolverShield(VectorWrapper[Observation, Action, Observation, Action]
             values[rows] = chosen
             actions = values
         observation, reward, terminated, truncated, infos = self.env.step(actions)
-        _tell(infos, is_replaced, ~is_begun)
+        _add_shielded(infos, is_replaced, ~is_begun)
         return observation, reward, terminated, truncated, infos
 
 
-def _tell(infos: dict[str, Any], is_replaced: Mask, has_stepped: Mask) -> None:
+def _add_shielded(infos: dict[str, Any], is_replaced: Mask, has_stepped: Mask) -> None:
     """Add to the infos of a batch whose actions were replaced; the last of an episode belong to its final infos."""
     if "final_info" in infos:
         has_ended = infos["_final_info"]

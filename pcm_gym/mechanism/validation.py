@@ -27,6 +27,14 @@ def positive_number(name: str, value: Any) -> float:
     return number
 
 
+def number_not_negative(name: str, value: Any) -> float:
+    """Return `value` as a float; raise if it is not finite and at least zero."""
+    number = finite_number(name, value)
+    if number < 0.0:
+        raise ValueError(f"{name} must be at least 0, got {number}")
+    return number
+
+
 def whole_number(name: str, value: Any, least: int) -> int:
     """Return `value` as an int; raise if it is no whole number, or less than `least`."""
     if not isinstance(value, int | np.integer):

@@ -12,9 +12,8 @@ TASKS: dict[str, type[Task]] = {"Reach": Reach, "Track": Track, "Switch": Switch
 def register_task(task: type[Task], name: str | None = None) -> str:
     """Add a task to the table of this process; return its name, by default that of the class.
 
-    Environments then know it by this name.
-
-    A class that is defined again, as in a notebook, takes the place of its former self.
+    Environments then know it by this name. A class that is defined again, as in a notebook, takes the place of its
+    former self.
 
     Raises
     ------
@@ -23,6 +22,8 @@ def register_task(task: type[Task], name: str | None = None) -> str:
     ValueError
         If another task has this name.
     """
+    if not isinstance(task, type):
+        raise TypeError(f"task must be a class of tasks, got {task!r}")
     name = task_type(task).__name__ if name is None else name
     known = TASKS.get(name, task)
     if (known.__module__, known.__qualname__) != (task.__module__, task.__qualname__):

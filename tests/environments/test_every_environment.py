@@ -543,6 +543,8 @@ def test_stepping_past_the_end_is_refused_where_nothing_resets(environment_id: s
 
 def test_stepping_before_the_first_reset_is_refused(environment_id: str) -> None:
     env = make_native(environment_id, 2)
+    with pytest.raises(ValueError, match="options key"):
+        env.reset(seed=0, options={"nowhere": 1})  # is no reset
     with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
         env.step(env.action_space.sample())
     env.reset(seed=0)

@@ -1,10 +1,11 @@
 """Tasks and mechanisms that a user's file defines are environments like those of the package."""
 
+import inspect
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -13,6 +14,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 import pcm_gym
+from pcm_gym.environments.arguments import CONSTRUCTION
 from pcm_gym.mechanism import catalogue
 from pcm_gym.tasks import TASKS, Generators, starts_of
 from tests.environments.rollouts import (
@@ -59,6 +61,13 @@ class Grasping(Lift):
     """A task whose argument has the name of one of the environment."""
 
     load: float = 1.0
+
+
+@dataclass(frozen=True)
+class Parallel(Lift):
+    """A task whose argument has the name of one of the batch."""
+
+    threads: int = 1
 
 
 class Elsewhere:
@@ -173,6 +182,7 @@ def test_task_may_be_given_by_class_or_as_it_is_or_by_name() -> None:
             r"must be one of \['terminate', 'hold'\] for Lift",
         ),
         ({"task": Grasping}, TypeError, "'load' must not be an argument of task 'Grasping'"),
+        ({"task": Parallel}, TypeError, "'threads' must not be an argument of task 'Parallel'"),
         ({"task": "Lift"}, ValueError, r"task must be one of \['Reach', 'Track', 'Switch'\]"),
         ({"task": Elsewhere}, TypeError, "task must be"),
         ({"task": Lift(pcm_gym.Goals(pcm_gym.get_mechanism("3PFR")))}, ValueError, "task must have goals of mechanism"),
@@ -193,6 +203,63 @@ def test_name_of_a_task_is_taken_once_but_a_class_may_be_defined_again(lift_id: 
     again = type("Lift", (Lift,), {"__module__": Lift.__module__, "__qualname__": Lift.__qualname__})
     pcm_gym.register_environment("My/2RFR-Lift-v0", mechanism="2RFR", task=again, time_limit=40, rise=0.1)
     assert type(make_bare(lift_id).task) is again
+
+
+def test_names_that_a_task_may_not_use_are_all_that_environments_take() -> None:
+    for kind in (pcm_gym.MechanismEnv, pcm_gym.MechanismVectorEnv):
+        assert {*inspect.signature(kind).parameters} <= {*CONSTRUCTION, "arguments"}
+    assert {*inspect.signature(pcm_gym.MechanismVectorEnv).parameters} == {*CONSTRUCTION, "arguments"}
+
+
+@pytest.mark.parametrize("wrong", ["Reach", None, int, Lift(pcm_gym.Goals(pcm_gym.get_mechanism("2RFR")))])
+def test_only_classes_of_tasks_and_mechanisms_can_be_registered(wrong: Any) -> None:
+    with pytest.raises(TypeError, match="task must be"):
+        pcm_gym.register_task(wrong)
+    with pytest.raises(TypeError, match="mechanism must be a Mechanism"):
+        pcm_gym.register_mechanism(wrong)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"mechanism": "4RFR"}, ValueError, "name must be one of.*'2RFR'.*got '4RFR'"),
+        ({"time_limit": 0}, ValueError, "time_limit must be at least 1"),
+        ({"time_limit": 2.5}, TypeError, "time_limit must be a whole number"),
+    ],
+)
+def test_registration_refuses_what_could_never_be_made(arguments: Any, error: Any, message: str) -> None:
+    with pytest.raises(error, match=message):
+        pcm_gym.register_environment("My/2RFR-Reach-v0", **({"mechanism": "2RFR"} | arguments))
+    assert "My/2RFR-Reach-v0" not in gymnasium.registry
+
+
+def test_arrays_among_the_arguments_may_be_registered_again_and_have_a_json() -> None:
+    for _ in range(2):
+        pcm_gym.register_environment("My/2RFR-Reach-v0", mechanism="2RFR", max_action=np.array([0.1, 0.05]))
+    spec = gymnasium.spec("My/2RFR-Reach-v0")
+    assert EnvSpec.from_json(spec.to_json()) == spec
+    assert make_bare("My/2RFR-Reach-v0").max_action.tolist() == [0.1, 0.05]
+
+
+@dataclass(frozen=True)
+class Fixed(pcm_gym.Task):
+    """A task that draws the same episode again and again, out of one array."""
+
+    drawn: ClassVar[list[np.ndarray]] = []
+
+    def sample(self, scene: pcm_gym.Scene, generators: Generators, threads: int = 1) -> pcm_gym.Episodes:
+        start = scene.at_equilibrium(scene.home, len(generators))
+        if not self.drawn:
+            self.drawn.append(self.goals.of_states(start.x, start.inputs)[:, None])
+        return pcm_gym.Episodes(start, self.drawn[0])
+
+
+def test_goal_that_is_asked_for_leaves_what_the_task_has_drawn() -> None:
+    env = pcm_gym.MechanismEnv("2RFR", task=Fixed)
+    drawn = env.reset(seed=0)[0]["desired_goal"].copy()
+    asked = env.reset(seed=0, options={"goal": (0.1, 0.7)})[0]["desired_goal"]
+    assert asked.tolist() == [0.1, 0.7]
+    assert env.reset(seed=0)[0]["desired_goal"].tolist() == drawn.tolist()
 
 
 # Mechanisms

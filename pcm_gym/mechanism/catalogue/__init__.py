@@ -35,9 +35,11 @@ def register_mechanism(mechanism: Mechanism) -> str:
 
     Raises
     ------
-    ValueError
-        If another mechanism has this name.
+    TypeError, ValueError
+        If it is no mechanism, or if another one has its name.
     """
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"mechanism must be a Mechanism, got {mechanism!r}")
     name = mechanism.name
     if name in _MAKERS and get_mechanism(name) != mechanism:
         raise ValueError(f"name must be a new one, got {name!r}: another mechanism has it")
