@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.environments.rows import total_cost
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.stepping.report import Costs
 
@@ -58,7 +59,6 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
     motion = simulation.motion.copied(origin)
     report = simulation.foresee(motion, chosen)
     verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
-    costs = {name: verdicts[name] for name in Costs.__annotations__}
     units = mechanism.units
     return Preview(
         pose=units.pose_from_kernel(motion.x[:, 2 * mechanism.leg_count :]).reshape(*shape, mechanism.dof),
@@ -68,8 +68,8 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         singularity_margin=verdicts["singularity_margin"],
         residual=verdicts["residual"],
         event=verdicts["event"],
-        cost=sum(costs.values(), np.zeros(shape)),
-        **costs,
+        cost=total_cost(verdicts),
+        **{name: verdicts[name] for name in Costs.__annotations__},
         reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
         terminated=verdicts["is_lost"],
     )
@@ -78,8 +78,8 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
 def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers) -> Array:
     """Return the rewards (m,) of steps of the rows `origin` (m,) that lead to inputs (m, legs) and features (m, f)."""
     task, rows = simulation.settings.task, simulation.rows
-    phase = (rows.elapsed[origin] + 1) % rows.goals.shape[1]
-    rewards, _ = task.score(task.goals.achieved(features, inputs, np.arange(len(origin))), rows.goals[origin, phase])
+    achieved = task.goals.achieved(features, inputs, np.arange(len(origin)))
+    rewards, _ = task.score(achieved, rows.goals_ahead(origin, 1))
     return rewards
 
 

@@ -89,6 +89,17 @@ class Rows(NamedTuple):
         """The goals and what has been made of them."""
         return GoalProgress(self.goals, self.elapsed, self.held)
 
+    def goals_ahead(self, rows: Integers | int, steps: int = 0) -> Array:
+        """Return the goals (m, g) of some rows, or that of one, (g,), so many steps after the present one."""
+        ahead: Array = self.goals[rows, (self.elapsed[rows] + steps) % self.goals.shape[1]]
+        return ahead
+
+
+def total_cost(verdicts: Records) -> Array:
+    """Return the sum of the costs of steps, in the shape of their verdicts."""
+    total: Array = np.add.reduce([verdicts[name] for name in _COSTS])
+    return total
+
 
 class Outcome(NamedTuple):
     """What one step, or a reset, of some rows came to; every array is new."""
@@ -111,7 +122,6 @@ class Outcome(NamedTuple):
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
         verdicts = self.verdicts
-        cost = np.add.reduce([verdicts[name] for name in _COSTS])
-        infos = {"is_success": self.success, "cost": cost, **{name: verdicts[name] for name in _TOLD}}
+        infos = {"is_success": self.success, "cost": total_cost(verdicts), **{name: verdicts[name] for name in _TOLD}}
         infos["event"] = _EVENT_NAMES[verdicts["event"]]
         return self.metrics | infos

@@ -64,7 +64,8 @@ class Sensors:
 def _told(settings: Settings) -> Iterator[_Told]:
     mechanism, units = settings.mechanism, settings.mechanism.units
     for steps in settings.task.look_ahead:
-        yield _Told(Part(f"goal_in_{steps}", settings.task.goals.elements_in(steps)), partial(_goals_in, steps))
+        part = Part(f"goal_in_{steps}", settings.task.goals.elements_in(steps))
+        yield _Told(part, partial(Rows.goals_ahead, steps=steps))
     if settings.load_varies and settings.observe_load:
         loads = units.kernel_from_load(settings.load_range)
         yield _Told(Part("load", load_elements(mechanism)), lambda state, rows: _within(state.load[rows], loads))
@@ -72,11 +73,6 @@ def _told(settings: Settings) -> Iterator[_Told]:
         limits = np.stack(mechanism.kernel_limits)
         part = Part("commands", command_elements(mechanism))
         yield _Told(part, lambda state, rows: _within(state.commands[rows], limits))
-
-
-def _goals_in(steps: int, state: Rows, rows: Integers) -> Array:
-    goals: Array = state.goals[rows, (state.elapsed[rows] + steps) % state.goals.shape[1]]
-    return goals
 
 
 def _within(values: Array, bounds: Array) -> Array:

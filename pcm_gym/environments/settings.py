@@ -81,8 +81,8 @@ class Settings:
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
-        task = _task(mechanism, arguments)
         given = DEFAULTS | arguments
+        task = _task(mechanism, arguments, given)
         steps = _steps(mechanism, given["max_action"])
         singular_margin = given["singular_margin"]
         if singular_margin is None:
@@ -163,9 +163,8 @@ class Settings:
         )
 
 
-def _task(mechanism: Mechanism, arguments: EnvironmentArguments) -> Task:
-    """Return the task that the arguments ask for, by its name or class, or as it is."""
-    given = DEFAULTS | arguments
+def _task(mechanism: Mechanism, arguments: EnvironmentArguments, given: EnvironmentArguments) -> Task:
+    """Return the task that the arguments ask for, by its name or class, or as it is; `given` has the defaults too."""
     task = given["task"]
     if isinstance(task, Task):
         if task.goals != Goals(mechanism, task.goals.reward_type, task.goals.success_distance, type(task).with_inputs):

@@ -91,9 +91,7 @@ class Simulation:
 
     def goal(self, row: int) -> Array:
         """Return the present goal of one row."""
-        goals = self.rows.goals[row]
-        present: Array = goals[self.rows.elapsed[row] % len(goals)]
-        return present
+        return self.rows.goals_ahead(row)
 
     def step(self, actions: Array, generators: Generators = ()) -> Outcome:
         """Move every row by its action (n, legs), cut to [-1, 1], times the largest increment.
