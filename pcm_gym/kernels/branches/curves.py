@@ -158,7 +158,7 @@ def _watched(legs: Array, watch: int, curve: _Curve) -> float:
         return _room(legs, t.trial, problem)
     if watch == _SINGULARITY:
         place_at(legs, t.trial, t, curve.work)
-        return singularity(legs, t.trial, problem.kind, curve.work)
+        return singularity(legs, t.trial_x, problem.kind, curve.work)
     return _projected(legs, t.trial_tangent, curve.direction, problem.kind)
 
 
@@ -292,7 +292,7 @@ def trace(
     if not _start(legs, y, sign, curve):
         return 1, FAILED
     tangents[0] = t.tangent
-    value = singularity(legs, y, problem.kind, curve.work)
+    value = singularity(legs, y[: y.shape[0] - legs.shape[0]], problem.kind, curve.work)
     count, arc = 1, _RULES.first_arc
     while count < path.shape[0] - 1:
         arc, turn = _step(legs, arc, curve)
