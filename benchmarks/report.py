@@ -11,6 +11,7 @@ from rich.table import Table
 
 from benchmarks.endurance import Tally
 from benchmarks.kinematics import LONG
+from benchmarks.margins import Judged
 from benchmarks.multistart import METHODS
 from benchmarks.shield import Defence
 from benchmarks.timing import Summary
@@ -144,6 +145,30 @@ def print_defences(console: Console, found: Sequence[Sequence[Defence]]) -> None
             _count(without.losses),
         )
     console.print(table)
+
+
+def print_margins(console: Console, found: Sequence[Judged]) -> None:
+    """Print what margins say at the environments' thresholds, marked, and at others."""
+    table = _table("Singularity margins, judged by the nearest fold")
+    headings = ("threshold", "within", "called safe", "outside", "not called safe", "of alarms false")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for judged in found:
+        for threshold in judged.thresholds:
+            calls = judged.calls(threshold)
+            table.add_row(
+                f"{judged.name}, environments" if threshold == judged.threshold else judged.name,
+                f"{threshold:g}",
+                _count(calls.within),
+                f"{100.0 * calls.missed_part:.2f} %",
+                _count(calls.outside),
+                f"{100.0 * calls.false_part:.1f} %",
+                f"{100.0 * calls.false_part_of_alarms:.1f} %",
+            )
+    console.print(table)
+    for judged in found:
+        least, median, most = judged.ratios()
+        console.print(f"{judged.name}: margin over distance {median:.2f}, in 98 of 100 {least:.2f} to {most:.2f}")
 
 
 def print_solvers(console: Console, families: Mapping[str, Summaries]) -> None:

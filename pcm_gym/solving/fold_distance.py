@@ -70,7 +70,7 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
     Notes
     -----
     Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs;
-    `Equilibrium.singularity_margin` estimates the distance in microseconds.
+    `Equilibrium.singularity_margin` estimates the distance in microseconds, on the safe side.
     """
     if reach is None:
         mechanism = equilibrium.mechanism
