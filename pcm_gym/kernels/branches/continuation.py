@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.singularity import FORWARD, singularity
 from pcm_gym.kernels.branches.smoothness import is_clear, is_even, is_one_branch, look
 from pcm_gym.kernels.branches.tracer import (
     REGULAR,
@@ -62,6 +63,7 @@ class LineRules(NamedTuple):
     least_arc: float = 1e-9
     largest_arc: float = 0.2
     least_cosine: float = 0.9  # of the angle between the tangents at both ends of a step
+    singular: float = 1e-6  # determinant of a state beyond which no arc leads: there the branch bifurcates
     first_crossing: float = 1e-8  # fraction by which a change of index is stepped over; four times that if in vain
 
 
@@ -323,7 +325,12 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, wo
         elif outcome == _TURNED_BACK:
             refused_for, refused_at = FOLD, math.inf
         arc *= 0.5
-    return _GOES_ON if arc >= _RULES.least_arc else refused_for
+    if arc >= _RULES.least_arc:
+        return _GOES_ON
+    place_at(legs, line.y, line, work)
+    if refused_for == SOLVER_FAILURE and abs(singularity(legs, line.x, FORWARD, work)) < _RULES.singular:
+        return INDEX_CHANGE
+    return refused_for
 
 
 @kernel

@@ -13,6 +13,7 @@ both are small, and if the cubic through the values and rates of D keeps farther
 the branch's own scale fails, and is divided. This is a test, not a proof.
 """
 
+import math
 from typing import NamedTuple
 
 from pcm_gym.arrays import Array
@@ -20,6 +21,7 @@ from pcm_gym.kernels.branches.singularity import FORWARD, singularity
 from pcm_gym.kernels.branches.tracer import Tracer, place_at
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.closure import Workspace
+from pcm_gym.kernels.statics.margin import STIFF
 from pcm_gym.kernels.statics.newton import correction_size
 
 # Largest defect of a step, relative to its length.
@@ -32,6 +34,10 @@ _LARGEST_SPREAD = 0.1
 _CLEARANCE = 1.0
 # Part of a step over which the rate of the determinant is differenced.
 _DIFFERENCE = 1e-3
+# For lanes: half the largest gain and loss of a squared eigenvalue over a step, relative to its end; largest error of the
+# sum of the compliances.
+_MOST_GAINED, _MOST_LOST = 0.35, 1.0
+_LARGEST_SURPRISE = 0.3
 # Points at which the cubic is looked at, beside the ends.
 _SAMPLES = 8
 
@@ -68,6 +74,12 @@ def is_even(legs: Array, way: float, line: Tracer, work: Workspace) -> bool:
     for j in range(work.step.shape[0]):
         work.step[j] -= line.trial[j] - line.y[j]
     defect = correction_size(legs, line.trial_x, work)
+    return is_small_defect(defect, length)
+
+
+@formula
+def is_small_defect(defect: float, length: float) -> bool:
+    """Return whether the mean of both tangents, of this length, agrees with the chord."""
     return defect <= max(_LARGEST_DEFECT * length, _ROUNDING)
 
 
@@ -100,3 +112,33 @@ def cubic(here: End, there: End, part: float) -> float:
     rest, chord = 1.0 - part, there.value - here.value
     bow = (here.change - chord) * rest - (there.change - chord) * part
     return here.value + part * chord + part * rest * bow
+
+
+@formula
+def is_far_from_zero(eigenvalue: float, along: float) -> bool:
+    """Return whether an eigenvalue k of the stiffness seems not to have vanished in the step that ends here.
+
+    `along` is half the change of k^2 over the step at its rate here. Near a fold k^2 is linear, see `margin`: it then
+    began with k^2 - 2 along. That must not be much less than here, nor much more.
+    """
+    square = eigenvalue * eigenvalue
+    ratio = eigenvalue / STIFF
+    own = square + square * ratio * ratio
+    return (along <= _MOST_GAINED * own) & (-along <= _MOST_LOST * own)
+
+
+@formula
+def compliance_before(eigenvalue: float, along: float) -> float:
+    """Return 1 / k at the start of a step from what its end tells, see `is_far_from_zero`."""
+    square = eigenvalue * eigenvalue
+    before = math.sqrt(max(square - 2.0 * along, (1.0 - 2.0 * _MOST_GAINED) * square))
+    return 1.0 / before if eigenvalue > 0.0 else -1.0 / before
+
+
+@formula
+def is_as_foreseen(foreseen: float, greatest: float, found: float) -> bool:
+    """Return whether the sum of the compliances at the start of a step is what its end tells.
+
+    `greatest` is the sum of their absolute values. Stiff directions, whose eigenvalues change fast, count for little.
+    """
+    return abs(foreseen - found) <= _LARGEST_SURPRISE * greatest

@@ -13,7 +13,6 @@ from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, make_line, track
 from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.lockstep.lanes import step_block
-from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane, store_state
 from pcm_gym.kernels.numerics.compilation import kernel
@@ -129,8 +128,7 @@ def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps:
 @kernel
 def _advance(legs: Array, steps: Steps, count: int, dof: int) -> None:
     """Move the lanes to their targets."""
-    computed = step_block(legs, steps.block, count, dof)
-    set_margins(legs, steps.block, computed, dof)
+    step_block(legs, steps.block, count, dof)
 
 
 @kernel

@@ -1,5 +1,7 @@
 """The singularity margin of many rows in lock-step: that of `margin`, with vector instructions.
 
+Its derivatives also tell whether the step that ends there may have passed a singular state.
+
 The rods are condensed here. The gradient of v' K v at fixed v, by the pose and by the inputs, is carried along the
 sheet by one more solution for each eigenvector v, whatever the number of inputs.
 """
@@ -7,6 +9,7 @@ sheet by one more solution for each eigenvector v, whatever the number of inputs
 import math
 
 from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.smoothness import compliance_before, is_far_from_zero
 from pcm_gym.kernels.lockstep.layout import (
     Block,
     CommonLanes,
@@ -77,6 +80,9 @@ def _begin(common: CommonLanes, count: int) -> None:
         common.compliances[1, lane] = 1.0 / common.eigenvalues[_DIAGONAL[1], lane]
         common.compliances[2, lane] = 1.0 / common.eigenvalues[_DIAGONAL[2], lane]
         common.singularity_margin[lane] = FARTHEST
+        common.foreseen[lane] = 0.0
+        common.greatest[lane] = 0.0
+        common.is_clear[lane] = 1.0
         common.squared_rate[lane] = 0.0
 
 
@@ -147,6 +153,7 @@ def _carry_along(common: CommonLanes, count: int, mode: int) -> None:
             ratio = 1.0 if n == mode else own * common.compliances[n, lane]
             common.move[n, lane] = ratio * (x * pull[0] + y * pull[1] + phi * pull[2])
         common.squared_slope[lane] = 0.0
+        common.along[lane] = 0.0
 
 
 @kernel
@@ -160,14 +167,21 @@ def _add_slope(turn: float, leg: LegLanes, common: CommonLanes, count: int, mode
         slope = move[0] * drive[0] + move[1] * drive[1] + move[2] * drive[2]
         slope += common.eigenvalues[diagonal, lane] * direct
         common.squared_slope[lane] += slope * slope
+        common.along[lane] += slope * (leg.target[lane] - leg.input[lane])
 
 
 @kernel
 def _close_mode(common: CommonLanes, count: int, mode: int) -> None:
-    """Reduce the distance to that of one eigenvalue."""
+    """Reduce the distance to that of one eigenvalue, and see whether it vanished within the step."""
     diagonal = _DIAGONAL[mode]
     for lane in range(count):
-        distance = fold_distance(common.eigenvalues[diagonal, lane], 1.0, math.sqrt(common.squared_slope[lane]))
+        own, along = common.eigenvalues[diagonal, lane], common.along[lane]
+        is_clear = (common.is_clear[lane] > 0.0) & is_far_from_zero(own, along)
+        common.is_clear[lane] = 1.0 if is_clear else 0.0
+        compliance = compliance_before(own, along)
+        common.foreseen[lane] += compliance
+        common.greatest[lane] += abs(compliance)
+        distance = fold_distance(own, 1.0, math.sqrt(common.squared_slope[lane]))
         common.singularity_margin[lane] = min(common.singularity_margin[lane], distance)
 
 

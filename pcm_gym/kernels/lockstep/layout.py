@@ -52,6 +52,8 @@ class LegLanes:
     arm: Array = _runs(2)
     right: Array = _runs(2)  # right-hand side of closure
     step: Array = _runs(2)  # of g
+    tangent: Array = _runs(2)  # change of g over the step at its rate at the start
+    bow: Array = _runs(2)  # change of g beyond that
 
     # for the margin, which is worked out when the step is done
     curvature: Array = _runs(4, 3, over=("force_g", "dead_load_index", "clamp", "functions"))
@@ -72,6 +74,15 @@ class CommonLanes:
     right: Array = _runs(3)  # right-hand side of equilibrium
     pull: Array = _runs(3)  # what moves the condensed end-effector
     move: Array = _runs(3)
+    tangent: Array = _runs(3)  # change of the pose over the step at its rate at the start
+    bow: Array = _runs(3)  # change of the pose beyond that
+    length: Array = _runs()  # of the step, by the mean of the tangents at its ends
+    defect: Array = _runs()  # of the chord from that
+    yielding: Array = _runs()  # trace of the compliance at the start of the step
+    foreseen: Array = _runs()  # the same as far as the end of the step tells
+    greatest: Array = _runs()  # what that would be of a stable state
+    along: Array = _runs()  # half the change of a squared eigenvalue over the step at its rate at the end
+    is_clear: Array = _runs()  # 1 or 0: no eigenvalue seems to have vanished within the step
     stiffness: Array = _runs(6)
     eigenvalues: Array = _runs(6)  # the stiffness made diagonal
     axes: Array = _runs(3, 3)  # its eigenvectors, one after the other

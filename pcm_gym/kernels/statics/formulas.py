@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 from pcm_gym.kernels.numerics.compilation import formula
-from pcm_gym.kernels.numerics.linear import Symmetric, Vector, adjugate_times
+from pcm_gym.kernels.numerics.linear import Symmetric, Vector, adjugate_times, principal_minors
 from pcm_gym.kernels.rods.rod import RodPoint
 
 Pair = tuple[float, float]
@@ -241,9 +241,8 @@ def negative_eigenvalues(a: Symmetric) -> float:
     All its roots are real: as many are negative as these signs change (Descartes).
     """
     trace = a.xx + a.yy + a.zz
-    minors = a.xx * a.yy - a.xy * a.xy + a.xx * a.zz - a.xz * a.xz + a.yy * a.zz - a.yz * a.yz
     _, determinant = adjugate_times(a, 0.0, 0.0, 0.0)
-    first, second, third = trace < 0.0, minors < 0.0, determinant < 0.0
+    first, second, third = trace < 0.0, principal_minors(a) < 0.0, determinant < 0.0
     changes = 1.0 if first else 0.0
     changes += 1.0 if first != second else 0.0
     changes += 1.0 if second != third else 0.0

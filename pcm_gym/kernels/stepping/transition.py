@@ -45,8 +45,8 @@ def step_batch(
             row = rows[first + lane]
             is_cut[lane] = _set_target(legs, states.inputs, actions, row, stride, target)
             load_lane(states, row, target, block, lane)
-        computed = step_block(legs, block, count, states.load.shape[1])
-        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        step_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
             if common.is_sound[lane] == 0.0:
@@ -181,8 +181,8 @@ def _report_arrived(
         for lane in range(count):
             row = rows[first + lane]
             load_lane(states, row, states.inputs[row], block, lane)
-        computed = rest_block(legs, block, count, states.load.shape[1])
-        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        rest_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
             if common.is_sound[lane] == 0.0:
