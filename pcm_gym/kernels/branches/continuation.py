@@ -63,7 +63,10 @@ class LineRules(NamedTuple):
     least_arc: float = 1e-9
     largest_arc: float = 0.2
     least_cosine: float = 0.9  # of the angle between the tangents at both ends of a step
-    singular: float = 1e-6  # determinant of a state beyond which no arc leads: there the branch bifurcates
+    # Determinant of a state beyond which no arc leads: there the branch bifurcates. It turns back there, as at a fold,
+    # if the inputs have no larger share in the squared arc than this.
+    singular: float = 1e-6
+    share_at_fold: float = 1e-3
     first_crossing: float = 1e-8  # fraction by which a change of index is stepped over; four times that if in vain
 
 
@@ -328,9 +331,10 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, wo
     if arc >= _RULES.least_arc:
         return _GOES_ON
     place_at(legs, line.y, line, work)
-    if refused_for == SOLVER_FAILURE and abs(singularity(legs, line.x, FORWARD, work)) < _RULES.singular:
-        return INDEX_CHANGE
-    return refused_for
+    if abs(singularity(legs, line.x, FORWARD, work)) > _RULES.singular:
+        return refused_for
+    share = line.border[-1] * line.tangent[-1]  # of the inputs in the squared arc
+    return FOLD if share < _RULES.share_at_fold else INDEX_CHANGE
 
 
 @kernel
