@@ -70,6 +70,29 @@ def environments(
 
 
 @app.command()
+def start(
+    environment_id: Annotated[str, typer.Argument(help="Environment that is made, reset and stepped once.")] = (
+        "PCM/2RFR-Reach-v0"
+    ),
+    repeats: Annotated[int, typer.Option(min=1, help="Warm starts.")] = 5,
+    cold: Annotated[bool, typer.Option(help="Also start once with an empty cache, which compiles the kernels.")] = True,
+    json_path: JsonPath = None,
+) -> None:
+    """Measure from a fresh process to the first step, with compiled kernels and with none.
+
+    The processor's seconds are those to compare; they too grow where others use the machine.
+    """
+    console, machine = _start()
+    starts: dict[str, dict[str, Summary]] = {}
+    if cold:
+        name = f"{environment_id}, compiling"
+        starts |= interleave({name: startup(environment_id, is_cold=True, show_progress=True)}, 1, lambda: None)
+    starts |= interleave({f"{environment_id}, warm": startup(environment_id)}, repeats, lambda: None)
+    report.print_startup(console, starts)
+    _write(console, json_path, {"machine": machine}, {"startup": starts})
+
+
+@app.command()
 def kinematics(
     problems: Annotated[int, typer.Option(min=1, help="Position problems of each kind.")] = 6,
     repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 1,

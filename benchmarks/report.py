@@ -14,6 +14,7 @@ from benchmarks.kinematics import LONG
 from benchmarks.margins import Judged
 from benchmarks.multistart import METHODS
 from benchmarks.shield import Defence
+from benchmarks.startup import STAGES
 from benchmarks.timing import Summary
 from pcm_gym.solving import Event
 
@@ -88,18 +89,18 @@ def print_parts(console: Console, parts: Summaries, memory: Summaries) -> None:
 
 
 def print_startup(console: Console, startup: Summaries) -> None:
-    table = _table("A fresh process: seconds")
+    table = _table("A fresh process: seconds, and of those the processor's")
     for heading in ("total", "min - max", "import gymnasium", "import pcm_gym", "make", "reset", "first step"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, figures in startup.items():
-        total = figures["total_seconds"]
-        stages = ("import_gymnasium", "import", "make", "reset", "step")
-        table.add_row(
-            name,
-            f"{total.median:.2f}",
-            f"{total.least:.2f} - {total.most:.2f}",
-            *(f"{figures[f'{stage}_seconds'].median:.2f}" for stage in stages),
-        )
+        for label, unit in ((name, "seconds"), ("  processor", "processor_seconds")):
+            total = figures[f"total_{unit}"]
+            table.add_row(
+                label,
+                f"{total.median:.2f}",
+                f"{total.least:.2f} - {total.most:.2f}",
+                *(f"{figures[f'{stage}_{unit}'].median:.2f}" for stage in STAGES),
+            )
     console.print(table)
 
 

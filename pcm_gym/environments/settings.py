@@ -9,8 +9,15 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
+from pcm_gym.kernels.charts.roadmap import grow, plant, pose_densities
+from pcm_gym.kernels.charts.walks import walk
+from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
+from pcm_gym.kernels.numerics.compilation import expect
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
+from pcm_gym.kernels.statics.equilibrium import describe_equilibrium
+from pcm_gym.kernels.stepping.goals import poses_seen, score_goals
 from pcm_gym.kernels.stepping.report import StepRules
+from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.mechanism import Mechanism, get_mechanism
 from pcm_gym.mechanism.validation import number_not_negative, one_of, positive_number, whole_number
 from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
@@ -22,6 +29,11 @@ _NEARLY_SINGULAR = 0.5
 # Scenes that turn out to have no home are drawn again, up to so many times each.
 _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
+# What every environment calls until its first step is done: the home, the roadmap, starts and goals, the step.
+_FIRST_CALLED = (
+    *(find_starts, polish_starts, describe_equilibrium, plant, grow, pose_densities, walk),
+    *(poses_seen, score_goals, describe_batch, step_batch),
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,7 @@ class Settings:
         cls, mechanism: Mechanism | str = "2RFR", **arguments: Unpack[EnvironmentArguments]
     ) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
+        expect(*_FIRST_CALLED)
         if isinstance(mechanism, str):
             mechanism = get_mechanism(mechanism)
         if not isinstance(mechanism, Mechanism):
