@@ -19,6 +19,7 @@ from pcm_gym.kernels.lockstep.rows import load_lane, store_state
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.snaps.instability import advance, is_instability
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
@@ -29,6 +30,8 @@ from pcm_gym.kernels.statics.states import Point, States, are_same
 UNKNOWN = -2
 # Part of the margin of the nodes that the middle of a step between them keeps.
 _PART_BETWEEN = 2.0 / 3.0
+# States that are moved in one call of compiled code, where each may snap.
+_MOVED_AT_ONCE = 32
 
 
 class Nodes(NamedTuple):
@@ -229,12 +232,20 @@ def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
     return found
 
 
-@kernel
 def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tuple[Mask, Mask]:
     """Move states to inputs (n, legs), in place, with a behaviour of `instability` where stability is lost.
 
     Returns which rows get there and are stable, and which lose stability on the way.
     """
+    has_arrived, was_lost = np.zeros(len(targets), np.bool_), np.zeros(len(targets), np.bool_)
+    for first, last in slices(len(targets), _MOVED_AT_ONCE):
+        some = States(*(array[first:last] for array in states))
+        has_arrived[first:last], was_lost[first:last] = _move_some(legs, some, targets[first:last], behaviour)
+    return has_arrived, was_lost
+
+
+@kernel
+def _move_some(legs: Array, states: States, targets: Array, behaviour: int) -> tuple[Mask, Mask]:
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
     has_arrived, was_lost = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
