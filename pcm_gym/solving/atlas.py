@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts import flood
 from pcm_gym.kernels.numerics.rasters import INPUTS, POSES, Rasters
-from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_number, one_of, whole_number
 from pcm_gym.solving.atlas_file import read_atlas, write_atlas
@@ -25,8 +24,6 @@ Over = Literal["poses", "inputs"]
 
 _SPACES = {"inputs": INPUTS, "poses": POSES}
 _MOST_ROUNDS = 100
-# Equilibria that are moved in one call of compiled code.
-_MOVED_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,11 +265,7 @@ class Atlas:
         inputs = units.kernel_from_inputs(start.inputs)
         to_kernel = units.kernel_from_inputs if over == "inputs" else units.kernel_from_pose
         scaled = np.ascontiguousarray(to_kernel(targets))
-        is_stable = np.empty(len(states), dtype=np.bool_)
-        for first, last in slices(len(states), _MOVED_AT_ONCE):
-            rows = slice(first, last)
-            margins = flood.move_all(self._charted, _SPACES[over], states[rows], inputs[rows], scaled[rows])
-            is_stable[rows] = margins >= 0.0
+        is_stable = flood.move_all(self._charted, _SPACES[over], states, inputs, scaled) >= 0.0
         moved = StableStates(self.mechanism, self.load, states, units.inputs_from_kernel(inputs), start.branches)
         return moved[is_stable]
 

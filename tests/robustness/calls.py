@@ -71,7 +71,7 @@ def forward() -> Interruptible:
     import pcm_gym
 
     mechanism, numbers = pcm_gym.get_mechanism("2RFR"), np.random.default_rng(0)
-    inputs = mechanism.home_inputs
+    inputs = np.array(mechanism.home_inputs)
     return Interruptible(
         lambda: pcm_gym.solve_forward(mechanism, inputs, rho_max=numbers.uniform(4.0, 16.0)),
         lambda: [found.state for found in pcm_gym.solve_forward(mechanism, inputs)],
@@ -123,7 +123,9 @@ def falls() -> Interruptible:
 
     mechanism = pcm_gym.get_mechanism("2RFR")
     roadmap = pcm_gym.build_roadmap(mechanism, [pcm_gym.home_equilibrium(mechanism)])
-    unstable = next(found for found in pcm_gym.solve_forward(mechanism, mechanism.home_inputs) if found.index > 0)
+    unstable = next(
+        found for found in pcm_gym.solve_forward(mechanism, np.array(mechanism.home_inputs)) if found.index > 0
+    )
 
     def call() -> None:
         pcm_gym.find_falls(roadmap, 512)
@@ -165,7 +167,7 @@ def certify() -> Interruptible:
     import pcm_gym
 
     mechanism, numbers = pcm_gym.get_mechanism("2RFR"), np.random.default_rng(0)
-    inputs = mechanism.home_inputs
+    inputs = np.array(mechanism.home_inputs)
 
     def proved(rho_max: float) -> list[Any]:
         found = pcm_gym.solve_forward(mechanism, inputs, rho_max=rho_max, certify=True)

@@ -5,22 +5,19 @@ answer; after a name with ``?`` before it only the answer. It prints what become
 """
 
 import hashlib
+import importlib
 import json
 import signal
 import sys
 import time
 from typing import Any
 
-import gymnasium  # NumPy, for one, cannot be imported again where its import was interrupted
-import numba
 import numpy as np
-import scipy.sparse.csgraph
 
 from tests.robustness.calls import CALLS, IMPORT, Interruptible
 
-assert gymnasium
-assert numba
-assert scipy
+# Others cannot be imported again where their import was interrupted, NumPy for one.
+FOREIGN = ("numpy", "scipy.sparse.csgraph", "numba", "gymnasium")
 
 
 def say(**values: Any) -> None:
@@ -56,6 +53,8 @@ def interrupt(made: Interruptible) -> None:
 
 def main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts this in the background ignores it
+    for module in FOREIGN:
+        importlib.import_module(module)
     made: dict[str, Interruptible] = {}
     say(state="ready")
     for line in sys.stdin:

@@ -155,6 +155,18 @@ def interrupt_often(name: str, count: int, seed: int = 0) -> Findings:
     return findings
 
 
+def interrupt_all(names: list[str], count: int, seed: int = 0) -> dict[str, Findings]:
+    """Interrupt calls, each so often, all in one process up to the first fault."""
+    numbers, found = np.random.default_rng(seed), {name: Findings() for name in names}
+    with Process() as process:
+        for name, findings in found.items():
+            longest, expected = ask_for_answer(process, name)
+            for _ in range(count):
+                if not interrupt_once(process, name, longest * numbers.random(), expected, findings):
+                    return found
+    return found
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=40, help="interruptions of each call (40)")

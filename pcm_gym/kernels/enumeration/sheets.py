@@ -99,7 +99,10 @@ def make_sheets(rho_max: float, refinement: int) -> Sheets:
     while first < count:
         last = int(np.searchsorted(squares.places, squares.places[first] + _CELLS_AT_ONCE, side="right"))
         last = min(max(last, first + 1), count)
-        patches = _add_squares(grid, lattice, squares, first, last, offsets, patches)
+        wanted = offsets[first] + squares.places[last] - squares.places[first]  # at most one patch per cell
+        if wanted > len(patches):
+            patches = np.concatenate([patches, np.empty((wanted, PATCH_COLUMNS))])
+        _add_squares(grid, lattice, squares, first, last, offsets, patches)
         first = last
     return Sheets(rho_max, grid.size, *lattice, offsets, patches[: offsets[-1]].copy())
 
@@ -107,8 +110,8 @@ def make_sheets(rho_max: float, refinement: int) -> Sheets:
 @kernel
 def _add_squares(
     grid: _Grid, lattice: _Lattice, squares: _Squares, first: int, last: int, offsets: Integers, patches: Array
-) -> Array:
-    """Add the patches of the squares from `first` to `last`, and their offsets; return all, with room behind."""
+) -> None:
+    """Add the patches of the squares from `first` to `last`, and their offsets."""
     cells, places, width = squares.cells, squares.places, 2 * lattice.extent + 1
     found = offsets[first]
     for square in range(first, last):
@@ -117,14 +120,11 @@ def _add_squares(
             squares.place_of[cells[place]] = place
         while start < stop:
             end = _gather_sheet(grid, cells, start, stop, squares.place_of)
-            while found + end - start > patches.shape[0]:  # at most one patch per cell
-                patches = np.concatenate((patches, np.empty_like(patches)))
             x = lattice.spacing * (square // width - lattice.extent)
             y = lattice.spacing * (square % width - lattice.extent)
             found = _add_patches(grid, cells[start:end], x, y, lattice.half_width, patches, found)
             start = end
         offsets[square + 1] = found
-    return patches
 
 
 def _new_grid(levels: int, rho_max: float) -> _Grid:

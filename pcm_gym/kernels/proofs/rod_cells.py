@@ -70,7 +70,8 @@ def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
     """Return the unit rod's models for rho in [0, rho_max] and every b."""
     nodes = node_offset(levels + 1)
     cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
-    grid = _band_grid(levels, rho_max)
+    grid = np.empty((2**BAND_LEVEL, 2**levels + 1))
+    _fill_grid(rho_max, grid)
     for first, last in slices(2 * 4**levels, _LEAVES_AT_ONCE):
         _fill_leaves(cells, grid, first, last)
     for level in range(levels - 1, -1, -1):
@@ -79,18 +80,16 @@ def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
 
 
 @kernel
-def _band_grid(levels: int, rho_max: float) -> Array:
-    """Return the division of b in each band of rho, (bands, 2^levels + 1): graded for the band's middle.
+def _fill_grid(rho_max: float, grid: Array) -> None:
+    """Fill in the division of b in each band of rho, (bands, 2^levels + 1): graded for the band's middle.
 
     So cells are boxes; a node above the bands holds cells that are not aligned, and has only bounds.
     """
-    count, bands = 2**levels, 2**BAND_LEVEL
-    grid = np.empty((bands, count + 1))
+    bands, count = grid.shape[0], grid.shape[1] - 1
     for band in range(bands):
         for j in range(count + 1):
             grid[band, j] = grid_angle(rho_max * (band + 0.5) / bands, j / count)
         grid[band, 0], grid[band, count] = 0.0, 3.1415926535897936  # the next number above pi
-    return grid
 
 
 @kernel
