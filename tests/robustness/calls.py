@@ -1,6 +1,9 @@
 """Public calls that are interrupted, and what tells that the package is whole afterwards."""
 
+import atexit
 import math
+import os
+import tempfile
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -28,6 +31,21 @@ def import_and_step() -> Interruptible:
         return [env.step(np.full(2, 0.5, np.float32))[0]["observation"] for _ in range(5)]
 
     return Interruptible(rollout, rollout)
+
+
+def compilation() -> Interruptible:
+    """Compile some kernels, into a cache of their own that is empty at first."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    os.environ["NUMBA_CACHE_DIR"] = folder.name
+
+    def compiled() -> list[Any]:
+        from pcm_gym.kernels.rods.elliptic import jacobi
+        from pcm_gym.kernels.rods.rod import rod_energy, rod_parameters
+
+        return [np.array([*jacobi(1.0, 0.6, 0.8), rod_energy(3.0, -4.0), *rod_parameters(3.0, -4.0)])]
+
+    return Interruptible(compiled, compiled)
 
 
 def env_step() -> Interruptible:
@@ -222,10 +240,12 @@ def singularities() -> Interruptible:
     return Interruptible(lambda: pcm_gym.inverse_singularities(mechanism, progress=False, grid=6), answer)
 
 
-# The first one is for a new interpreter each time.
-IMPORT = "import and first step"
+IMPORT, COMPILATION = "import and first step", "compilation"
+# Those that only a new interpreter makes.
+FRESH = (IMPORT, COMPILATION)
 CALLS: dict[str, Callable[[], Interruptible]] = {
     IMPORT: import_and_step,
+    COMPILATION: compilation,
     "env.step": env_step,
     "batch.step": batch_step,
     "solve_forward": forward,

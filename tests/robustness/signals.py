@@ -20,14 +20,13 @@ from typing import IO, Any
 
 import numpy as np
 
-from tests.robustness.calls import CALLS, IMPORT
+from tests.robustness.calls import CALLS, FRESH
 
 ROOT = Path(__file__).parents[2]
 # How soon a call must end, s; of the process's own time, as others may use the processor.
 SOON = 1.0
 _PATIENCE = 300.0
-# The import and the first step take about so long, s, with kernels that are compiled.
-_IMPORT_SECONDS = 2.0
+# Signals come up to so long after a call begins, s.
 _LONGEST_DELAY = 4.0
 
 
@@ -67,9 +66,14 @@ class Process:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it."""
-        self._process.kill()
-        self._process.communicate()
+        """Let it end, or end it."""
+        self._pipe(self._process.stdin).close()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._pipe(self._process.stdout).close()
 
     def ask(self, name: str) -> None:
         """Let it make a call."""
@@ -113,7 +117,7 @@ def ask_for_answer(process: Process, name: str) -> tuple[float, str]:
     """Return how long a call takes, s, and the answer to it where nothing is interrupted."""
     process.ask("?" + name)
     seconds: float = process.heard()["seconds"]
-    return seconds, process.heard()["digest"]
+    return min(seconds, _LONGEST_DELAY), process.heard()["digest"]
 
 
 def interrupt_once(process: Process, name: str, delay: float, expected: str, findings: Findings) -> bool:
@@ -138,20 +142,19 @@ def interrupt_once(process: Process, name: str, delay: float, expected: str, fin
 
 
 def interrupt_often(name: str, count: int, seed: int = 0) -> Findings:
-    """Interrupt a call so often: in one process, as long as that goes well, but in a new one for the import."""
+    """Interrupt a call so often: in one process, as long as that goes well, but each in a new one where it must be."""
     numbers, findings = np.random.default_rng(seed), Findings()
     with Process() as process:
         longest, expected = ask_for_answer(process, name)
-    longest = _IMPORT_SECONDS if name == IMPORT else min(longest, _LONGEST_DELAY)
     left = count
     while left > 0:
         with Process() as process:
-            if name != IMPORT:
+            if name not in FRESH:
                 ask_for_answer(process, name)
             goes_on = True
             while left > 0 and goes_on:
                 goes_on = interrupt_once(process, name, longest * numbers.random(), expected, findings)
-                goes_on, left = goes_on and name != IMPORT, left - 1
+                goes_on, left = goes_on and name not in FRESH, left - 1
     return findings
 
 

@@ -36,6 +36,8 @@ GOES_ON = -1
 # What may change its sign within a step: room in the box and under the largest load, the singularity of a state on a
 # line, or the direction of a singular curve's projection.
 _ROOM, _SINGULARITY, _DIRECTION = range(3)
+# Pairs of segments that are looked at in one call of compiled code.
+_PAIRS_AT_ONCE = 1 << 24
 
 
 class CurveRules(NamedTuple):
@@ -376,14 +378,18 @@ def polish(legs: Array, y: Array, last_condition: Array, problem: Problem) -> bo
 
 
 @kernel
-def crossing_segments(first: Array, second: Array, periods: Array, is_same: bool, pairs: Integers) -> int:
-    """Find the segments of two polylines (m, 2) in a plane, periodic where `periods` (2,) is not 0, that cross.
+def crossing_segments(
+    first: Array, second: Array, periods: Array, is_same: bool, start: int, pairs: Integers
+) -> tuple[int, int]:
+    """Find segments of two polylines (m, 2) in a plane, periodic where `periods` (2,) is not 0, that cross.
 
-    Puts their numbers into `pairs` (k, 2) and returns how many there are, more than k if there is no room for all. Of
+    Puts their numbers into `pairs` (k, 2) and returns how many there are, more than k if there is no room for all. A
+    call looks at some segments of the first polyline, beginning with `start`, and returns also which is the next. Of
     one polyline with itself neighbouring segments are left out.
     """
     count, shift = 0, np.zeros(2)
-    for k in range(first.shape[0] - 1):
+    end = min(start + 1 + _PAIRS_AT_ONCE // second.shape[0], first.shape[0] - 1)
+    for k in range(start, end):
         for n in range(k + 2 if is_same else 0, second.shape[0] - 1):
             is_near = True
             for d in range(2):
@@ -395,7 +401,7 @@ def crossing_segments(first: Array, second: Array, periods: Array, is_same: bool
                 if count < pairs.shape[0]:
                     pairs[count, 0], pairs[count, 1] = k, n
                 count += 1
-    return count
+    return count, end
 
 
 @kernel

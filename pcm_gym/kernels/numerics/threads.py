@@ -18,7 +18,7 @@ PIECE = 128
 # With fewer rows than this the threads cost more than they save.
 LEAST_ROWS = 256
 # Rows that one thread alone takes at a time: few enough for an interruption to be noticed soon.
-LARGEST_PIECE = 1 << 13
+LARGEST_PIECE = 1 << 12
 
 
 def default_thread_count() -> int:
