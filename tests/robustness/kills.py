@@ -41,11 +41,11 @@ if (run.path / "model.zip").exists():
     PPO.load(run.path / "model.zip", device="cpu")
 print(len(run.snapshots()))
 """
-# Some kernels of each kind, compiled in a few seconds.
+# Some kernels that are compiled in a few seconds.
 COMPILE = """\
+from pcm_gym.kernels.enumeration.cells import grid_angle, node_offset
 from pcm_gym.kernels.rods.elliptic import jacobi, quarter_period
-from pcm_gym.kernels.rods.rod import rod_energy, rod_parameters
-print(quarter_period(0.5), jacobi(1.0, 0.6, 0.8), rod_energy(3.0, -4.0), rod_parameters(3.0, -4.0))
+print(quarter_period(0.5), jacobi(1.0, 0.6, 0.8), grid_angle(3.0, 0.4), node_offset(3))
 """
 
 

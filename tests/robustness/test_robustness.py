@@ -17,17 +17,8 @@ from tests.robustness.calls import CALLS, IMPORT
 from tests.robustness.kills import kill_compilations
 from tests.robustness.signals import interrupt_all, interrupt_often
 
-# Those that take a second or more, or many seconds of compilation, are left to the whole.
-SHORT = [
-    "env.step",
-    "batch.step",
-    "solve_forward",
-    "BranchTracker.step",
-    "nearest_fold",
-    "snap, find_falls",
-    "certify",
-    "build_roadmap",
-]
+# Those that take a second or more are left to the whole.
+SHORT = ["env.step", "batch.step", "solve_forward", "BranchTracker.step", "nearest_fold", "snap, find_falls"]
 
 
 def test_interruptions_are_keyboard_interrupts_and_the_next_call_is_right() -> None:
