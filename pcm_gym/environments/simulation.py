@@ -14,7 +14,8 @@ from pcm_gym.environments.rows import Outcome, Rows
 from pcm_gym.environments.sensors import Sensors
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
-from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.numerics.slices import slices
+from pcm_gym.kernels.numerics.threads import LARGEST_PIECE, LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium
@@ -159,7 +160,8 @@ class Simulation:
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                step_batch(legs, states, chosen[first:last], aims, rules, report)
+                while first < last:
+                    first += step_batch(legs, states, chosen[first:last], aims, rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
@@ -177,7 +179,8 @@ class Simulation:
 
     def _describe(self, rows: Integers, report: Report) -> None:
         for scene, members in self._by_scene(self.rows.scene, rows):
-            describe_batch(scene.mechanism.leg_table, self.rows.states, members, report)
+            for first, last in slices(len(members), LARGEST_PIECE):
+                describe_batch(scene.mechanism.leg_table, self.rows.states, members[first:last], report)
         lost = rows[self.rows.lost[rows]]
         report.verdicts["is_stable"][lost] = False
         report.features[lost, self.sensors.features["is_stable"]] = 0.0

@@ -19,6 +19,7 @@ Public functions take and return N, m and rad. `Units` leads into the kernels, a
 """
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
+from pcm_gym.solving.budget import SearchBudgetError, search_budget
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.crossings import Crossing, find_crossings
@@ -51,6 +52,7 @@ __all__ = [
     "Region",
     "Roadmap",
     "RodState",
+    "SearchBudgetError",
     "SingularCurve",
     "Snap",
     "SnapStatus",
@@ -66,6 +68,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "nearest_fold",
+    "search_budget",
     "snap",
     "solve_forward",
     "solve_inverse",

@@ -6,17 +6,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcm_gym.arrays import Array, Mask
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.proofs.certification import (
+    GOES_ON,
+    RESOLVED,
     Undecided,
     find_open_pairs,
+    make_open_pairs,
+    make_resolution,
     make_undecided,
     prove_all,
     resolve,
+    set_parts,
     set_state,
 )
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
-from pcm_gym.kernels.proofs.rod_cells import UnitCells, make_frames, make_unit_cells
+from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -148,11 +153,9 @@ def certify_forward(
     proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
     prove_all(frames, _polar_loads(states), proved)
     cells = _unit_cells(_LEVELS + sum(rho_max > load for load in _LARGE_LOADS), rho_max)
-    pairs = np.empty((_MOST_OPEN, 2), dtype=np.int64)
-    count = find_open_pairs(cells, frames, proved, pairs)
-    if count <= _MOST_OPEN:
-        is_finished = resolve(cells, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
-        regions = _undecided_regions(undecided, is_finished)
+    pairs = _open_pairs(cells, frames, proved)
+    if pairs is not None:
+        regions = _undecided_regions(undecided, _is_resolved(cells, frames, pairs, proved, undecided))
     else:
         regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
     boxes = _Boxes.of(proved)
@@ -177,6 +180,25 @@ def certify_forward(
     found = np.array(kept).reshape(-1, mechanism.state_size)
     certificate = Certificate(rho_max, int(is_inside.sum()), tuple(regions), int(undecided.examined[0]))
     return found, certificate
+
+
+def _open_pairs(cells: UnitCells, frames: Frames, proved: Proved) -> Integers | None:
+    """Return the pairs of leaves that may hold another equilibrium, (m, 2); None if they are too many."""
+    search = make_open_pairs(cells, _MOST_OPEN)
+    for leg in range(2):
+        set_parts(cells, frames, leg, search)
+    while find_open_pairs(cells, proved, search):
+        if search.counts[1] == _MOST_OPEN:
+            return None
+    return search.pairs[: search.counts[1]]
+
+
+def _is_resolved(cells: UnitCells, frames: Frames, pairs: Integers, proved: Proved, undecided: Undecided) -> bool:
+    """Examine pairs of leaves until all is proved or undecided; return False where a limit was met first."""
+    search, status = make_resolution(pairs), GOES_ON
+    while status == GOES_ON:
+        status = resolve(cells, frames, search, _MOST_EXAMINED, proved, undecided)
+    return status == RESOLVED
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
 
 _FIRST_CAPACITY = 1 << 16
-_EXPANDED_AT_ONCE = 2048
+_EXPANDED_AT_ONCE = 256
 
 
 @dataclass(frozen=True)

@@ -99,13 +99,16 @@ class _Plane:
 
     def segments(self, first: SingularCurve, second: SingularCurve, *, is_same: bool) -> Integers:
         """Return the pairs of segments, by their first vertices, that cross on the polygons, (m, 2)."""
-        capacity, points = _FIRST_CAPACITY, (first.points / self.units, second.points / self.units)
-        while True:
+        points, found = (first.points / self.units, second.points / self.units), [np.empty((0, 2), dtype=np.int64)]
+        start, capacity = 0, _FIRST_CAPACITY
+        while start < len(first.points) - 1:
             pairs = np.empty((capacity, 2), dtype=np.int64)
-            count = crossing_segments(*points, self.periods, is_same, pairs)
+            count, end = crossing_segments(*points, self.periods, is_same, start, pairs)
             if count <= capacity:
-                return pairs[:count]
-            capacity = count
+                found.append(pairs[:count])
+                start = end
+            capacity = max(capacity, count)
+        return np.concatenate(found)
 
     def refine(
         self, first: SingularCurve, second: SingularCurve, k: int, n: int

@@ -1,24 +1,25 @@
 """Every equilibrium at given inputs, and every set of inputs with its equilibria at a given pose."""
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import combinations
 from operator import contains
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.enumeration.found import Found, make_found
-from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish_combinations
+from pcm_gym.kernels.enumeration.found import FOUND, SPENT, Found, keep_partners, make_found
+from pcm_gym.kernels.enumeration.inverse_search import join, make_forest, plant_tree, polish_combinations
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.solving.budget import Spending
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.solutions import EquilibriumSet
@@ -27,7 +28,10 @@ Modes = Sequence[int | Collection[int]]
 
 # Halvings of the rod's table for the inverse problem.
 _LEVELS = 6
-_CAPACITIES = (1 << 15, 1 << 18, 1 << 21)
+# Starts, and combinations of cells, that are corrected in one call; a combination may have many starts.
+_STARTS_AT_ONCE, _JOINED_AT_ONCE = 4096, 256
+# What it takes to correct a start, in tests.
+_CORRECTION_COST = 64
 _MOST_FOUND = 4096
 _LARGEST_RHO = 30.0
 _REFINEMENTS = (0, 1, 2)
@@ -73,6 +77,8 @@ def solve_forward(
     ------
     ValueError
         If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
+    SearchBudgetError
+        If the search meets its budget; see `search_budget`.
 
     Notes
     -----
@@ -87,11 +93,16 @@ def solve_forward(
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
     sheets = _sheets(problem.rho_max, problem.refinement)
-    find = partial(find_starts, legs, scaled, problem.scaled_load, sheets)
-    (starts,) = problem.filled(find, (mechanism.state_size, np.float64))
-    found = problem.room(is_inverse=False)
-    count = polish_starts(legs, scaled, problem.scaled_load, starts, found)
-    states, certificate = found.x[:count], None
+    found, spending = problem.room(is_inverse=False), problem.spending()
+    starts = np.empty((max(_STARTS_AT_ONCE, int(np.diff(sheets.offsets).max())), mechanism.state_size))
+    place, is_left = np.zeros(5, dtype=np.int64), True
+    while is_left:
+        is_left = find_starts(legs, scaled, problem.scaled_load, sheets, place, starts)
+        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
+        for first, last in slices(int(place[FOUND]), _STARTS_AT_ONCE):
+            polish_starts(legs, scaled, problem.scaled_load, sheets, starts[first:last], found)
+    problem.look_across_folds(found)
+    states, certificate = found.x[: found.total[0]], None
     if certify:
         states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
     obstacle = _too_far_apart(mechanism, inputs)
@@ -130,6 +141,8 @@ def solve_inverse(
     ------
     ValueError
         If an argument has the wrong shape, is not finite or out of range.
+    SearchBudgetError
+        If the search meets its budget; see `search_budget`.
 
     Notes
     -----
@@ -141,11 +154,19 @@ def solve_inverse(
         raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
-    unit = _unit_rod(problem.rho_max, problem.refinement)
-    find = partial(find_combinations, legs, scaled, problem.scaled_load, unit)
-    cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
-    found = problem.room(is_inverse=True)
-    count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
+    unit, leg_count = _unit_rod(problem.rho_max, problem.refinement), mechanism.leg_count
+    found, spending, forest = problem.room(is_inverse=True), problem.spending(), make_forest(unit.levels, leg_count)
+    for leg in range(leg_count):
+        plant_tree(legs, leg, scaled, unit, forest)
+    cells, starts = np.empty((_JOINED_AT_ONCE, leg_count), np.int64), np.empty((_JOINED_AT_ONCE, 2 * leg_count))
+    place, is_left = np.zeros(2, dtype=np.int64), True
+    while is_left:
+        is_left = join(forest, problem.scaled_load, place, cells, starts)
+        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
+        own = slice(place[FOUND])
+        polish_combinations(legs, scaled, problem.scaled_load, unit, cells[own], starts[own], found)
+    problem.look_across_folds(found)
+    count = int(found.total[0])
     own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
     return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
 
@@ -184,25 +205,20 @@ class _Problem:
     def scaled_load(self) -> Array:
         return self.mechanism.units.kernel_from_load(self.load)
 
-    def filled(self, find: Callable[..., int], *columns: tuple[int, type]) -> list[NDArray[Any]]:
-        """Return arrays with these numbers and types of columns, with as many rows as `find` fills of them.
-
-        Raises
-        ------
-        ValueError
-            If that is more than fits into memory.
-        """
-        for capacity in _CAPACITIES:
-            arrays: list[NDArray[Any]] = [np.empty((capacity, width), dtype) for width, dtype in columns]
-            count = find(*arrays)
-            if count <= capacity:
-                return [array[:count] for array in arrays]
-        raise ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
-
     def room(self, *, is_inverse: bool) -> Found:
         """Return arrays for the equilibria to be found."""
         mechanism = self.mechanism
         return make_found(_MOST_FOUND, mechanism.leg_count, mechanism.state_size, self.rho_max, is_inverse)
+
+    def spending(self) -> Spending:
+        """Return a new account of what the search spends."""
+        return Spending(f"all equilibria of mechanism {self.mechanism.name!r} with rho <= {self.rho_max:g}")
+
+    def look_across_folds(self, found: Found) -> None:
+        """Add the partners across folds of the equilibria found, and theirs."""
+        n = 0
+        while n < found.total[0]:
+            n = keep_partners(self.mechanism.leg_table, self.scaled_load, n, found)
 
     def solutions(
         self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.snaps import snap as kernels
 from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
@@ -116,8 +118,9 @@ def snap(equilibrium: Equilibrium) -> Snap:
 def _motion_from(equilibrium: Equilibrium) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
     point = Point(*equilibrium.kernel_values())
-    code, energy_released, energies = kernels.snap(mechanism.leg_table, point)
-    status, energies = _STATUSES[code], energies * units.energy
+    recorded = np.empty(kernels.MOST_ENERGIES)
+    code, energy_released, steps = kernels.snap(mechanism.leg_table, point, recorded)
+    status, energies = _STATUSES[code], recorded[: steps + 1] * units.energy
     energies.setflags(write=False)
     if status != SnapStatus.LANDED:
         return Snap(equilibrium, status, 0.0, energies)

@@ -26,13 +26,14 @@ _FORWARD_GRID, _INVERSE_GRID = 8, 16
 _GRID_SHIFT = 0.382
 # On a line equilibria are followed up to this multiple of the largest load, beyond which they may turn and come back.
 _LINE_REACH = 1.5
-_FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 13, 1 << 20
+# Points of a curve that are computed in one call of compiled code, and in all.
+_POINTS_AT_ONCE, _MOST_POINTS = 1 << 9, 1 << 20
 # The indices beside a fold are looked up at this distance from it, at so many places.
 _SIDE_DISTANCE, _SIDE_SAMPLES = 1e-4, 15
 
 
 # The kernels' codes, in their order.
-_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE, CurveEnd.SOLVER_FAILURE)
+_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE)
 
 
 class Window(TypedDict, total=False):
@@ -290,14 +291,21 @@ class _Search:
         )
 
     def _trace_side(self, problem: tracing.Problem, y: Array, sign: float) -> tuple[Array, Array, Mask, CurveEnd]:
-        capacity = _FIRST_CAPACITY
-        while True:
-            path, tangents = np.empty((capacity, y.size)), np.empty((capacity, y.size))
-            marks = np.empty(capacity, dtype=np.bool_)
-            count, end = tracing.trace(self.mechanism.leg_table, y, sign, problem, path, tangents, marks)
-            if end != tracing.TOO_LONG or capacity >= _LARGEST_CAPACITY:
-                return path[:count].copy(), tangents[:count].copy(), marks[:count].copy(), _ENDS[end]
-            capacity *= 4
+        legs, stage, end = self.mechanism.leg_table, np.empty(3), CurveEnd.SOLVER_FAILURE
+        paths, tangents, marks = [y[np.newaxis]], [np.empty((1, y.size))], [np.zeros(1, np.bool_)]
+        if not tracing.begin_trace(legs, y, sign, problem, tangents[0][0], stage):
+            return paths[0].copy(), tangents[0], marks[0], end
+        while stage[2] < _MOST_POINTS:
+            path, directions = np.empty((_POINTS_AT_ONCE, y.size)), np.empty((_POINTS_AT_ONCE, y.size))
+            path[0], directions[0], is_marked = paths[-1][-1], tangents[-1][-1], np.empty(_POINTS_AT_ONCE, np.bool_)
+            count, code = tracing.trace(legs, y, problem, stage, path, directions, is_marked)
+            paths.append(path[1:count])
+            tangents.append(directions[1:count])
+            marks.append(is_marked[1:count])
+            if code != tracing.GOES_ON:
+                end = _ENDS[code]
+                break
+        return np.concatenate(paths), np.concatenate(tangents), np.concatenate(marks), end
 
     def _curve(self, traced: _Traced) -> SingularCurve:
         size, units = self.mechanism.state_size, self.mechanism.units

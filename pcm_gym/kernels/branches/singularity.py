@@ -181,13 +181,18 @@ def set_normal(legs: Array, y: Array, kind: int, work: Workspace, normal: Array)
     normal /= math.sqrt((normal * normal).sum())
 
 
-@kernel
 def normal_at(legs: Array, y: Array, kind: int) -> Array:
     """Return what `set_normal` fills, (legs,), for the singular state `y`."""
-    work, normal = make_workspace(legs.shape[0], y.shape[0] - legs.shape[0]), np.empty(legs.shape[0])
+    normal = np.empty(len(legs))
+    _set_normal_at(legs, y, kind, normal)
+    return normal
+
+
+@kernel
+def _set_normal_at(legs: Array, y: Array, kind: int, normal: Array) -> None:
+    work = make_workspace(legs.shape[0], y.shape[0] - legs.shape[0])
     set_unknowns(legs, y, work)
     set_normal(legs, y, kind, work, normal)
-    return normal
 
 
 @kernel

@@ -18,6 +18,7 @@ from pcm_gym.kernels.lockstep.rows import load_lane, store_state
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.snaps.instability import advance, is_instability
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
@@ -28,6 +29,8 @@ from pcm_gym.kernels.statics.states import Point, States, are_same
 UNKNOWN = -2
 # Part of the margin of the nodes that the middle of a step between them keeps.
 _PART_BETWEEN = 2.0 / 3.0
+# States that are moved in one call of compiled code, where each may snap, and nodes that are described in one.
+_MOVED_AT_ONCE, _DESCRIBED_AT_ONCE = 32, 1 << 13
 
 
 class Nodes(NamedTuple):
@@ -214,31 +217,43 @@ def plant(
     return _place(nodes, cell, steps.x, steps.target, load)
 
 
-@kernel
 def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
     """Return |det d pose / d inputs| of states (n, size) at inputs (n, legs); 0 where it does not exist."""
-    leg_count, size = inputs.shape[1], x.shape[1]
-    work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
-    found = np.zeros(x.shape[0])
-    for n in range(x.shape[0]):
-        place(legs, x[n], inputs[n], work)
-        if set_forward_jacobian(legs, x[n], work, jacobian):
-            found[n] = abs(determinant(jacobian, leg_count))
+    found = np.zeros(len(x))
+    for first, last in slices(len(x), _DESCRIBED_AT_ONCE):
+        _set_densities(legs, x[first:last], inputs[first:last], found[first:last])
     return found
 
 
 @kernel
+def _set_densities(legs: Array, x: Array, inputs: Array, found: Array) -> None:
+    leg_count, size = inputs.shape[1], x.shape[1]
+    work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
+    for n in range(x.shape[0]):
+        place(legs, x[n], inputs[n], work)
+        if set_forward_jacobian(legs, x[n], work, jacobian):
+            found[n] = abs(determinant(jacobian, leg_count))
+
+
 def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tuple[Mask, Mask]:
     """Move states to inputs (n, legs), in place, with a behaviour of `instability` where stability is lost.
 
     Returns which rows get there and are stable, and which lose stability on the way.
     """
+    has_arrived, was_lost = np.zeros(len(targets), np.bool_), np.zeros(len(targets), np.bool_)
+    for first, last in slices(len(targets), _MOVED_AT_ONCE):
+        some = States(*(array[first:last] for array in states))
+        rows = slice(first, last)
+        _move_some(legs, some, targets[rows], behaviour, has_arrived[rows], was_lost[rows])
+    return has_arrived, was_lost
+
+
+@kernel
+def _move_some(legs: Array, states: States, targets: Array, behaviour: int, has_arrived: Mask, was_lost: Mask) -> None:
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
-    has_arrived, was_lost = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for n in range(count):
         point = Point(states.x[n], states.inputs[n], states.load[n])
         tracked = advance(legs, point, targets[n], behaviour, line, work)
         has_arrived[n] = tracked.fraction == 1.0 and tracked.morse_index == 0
         was_lost[n] = is_instability(tracked.event)
-    return has_arrived, was_lost

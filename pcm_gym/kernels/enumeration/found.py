@@ -8,7 +8,14 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant, solve_linear
-from pcm_gym.kernels.statics.closure import TURN, Workspace, place, set_inverse_matrix, solve_equilibrium_system
+from pcm_gym.kernels.statics.closure import (
+    TURN,
+    Workspace,
+    make_workspace,
+    place,
+    set_inverse_matrix,
+    solve_equilibrium_system,
+)
 from pcm_gym.kernels.statics.newton import (
     CONVERGED,
     NewtonRules,
@@ -26,6 +33,13 @@ _SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
 # and where the partner is sought, in distances from the fold.
 _FARTHEST_FOLD, _FOLD_PROBE = 0.2, 1e-4
 _FOLD_FACTORS = (2.0, 1.4, 3.0)
+# Equilibria whose partners are looked for in one call.
+_PARTNERS_AT_ONCE = 64
+
+# Long searches are made slice by slice: a place tells where the next one begins. Its first columns: what the last one
+# has found, and what it has spent, in tests that take some tenths of a microsecond; about how much it may spend.
+FOUND, SPENT = range(2)
+SPENT_AT_ONCE = 1 << 17
 
 
 class Found(NamedTuple):
@@ -125,13 +139,16 @@ def principal_angle(angle: float) -> float:
 
 
 @kernel
-def keep_partners(legs: Array, load: Array, work: Workspace, found: Found) -> int:
-    """Look for the partner of every equilibrium across a fold, and for theirs; return how many there are now."""
-    n = 0
-    while n < found.total[0]:
+def keep_partners(legs: Array, load: Array, first: int, found: Found) -> int:
+    """Look for the partners across a fold of some equilibria, from `first` on; return which is the next.
+
+    What is found has partners too: it is for the caller to go on until all have been asked about.
+    """
+    work = make_workspace(legs.shape[0], found.x.shape[1])
+    last = min(first + _PARTNERS_AT_ONCE, found.total[0])
+    for n in range(first, last):
         _look_across_fold(legs, load, n, work, found)
-        n += 1
-    return int(found.total[0])
+    return int(last)
 
 
 @kernel

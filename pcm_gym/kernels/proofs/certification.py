@@ -17,6 +17,7 @@ from pcm_gym.kernels.enumeration.cells import node_offset
 from pcm_gym.kernels.enumeration.found import POLISH_RULES
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.proofs.krawczyk import Krawczyk, Proved, correct, is_proved, make_krawczyk, natural_width, prove
 from pcm_gym.kernels.proofs.rod_cells import (
     ACROSS,
@@ -45,6 +46,11 @@ _NARROWED = 0.6
 _CLEAR = 0.4
 _DEPTH = 200
 
+# Pairs of nodes that are looked at in one call of compiled code, parts of leaves, and equilibria.
+_PAIRS_AT_ONCE, _PARTS_AT_ONCE, _PROVED_AT_ONCE = 1 << 18, 1 << 13, 32
+# How the examination of pairs stands.
+RESOLVED, GOES_ON, GIVEN_UP = range(3)
+
 
 class Undecided(NamedTuple):
     """Pairs of cells, no longer split, that may hold an equilibrium outside the proved boxes."""
@@ -59,14 +65,17 @@ def make_undecided(capacity: int) -> Undecided:
     return Undecided(np.zeros((capacity, 2, 4)), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 
+def prove_all(frames: Frames, starts: Array, proved: Proved) -> None:
+    """Prove the equilibria near the polar loads `starts` (m, 4), one by one, as far as that can be done."""
+    for first, last in slices(len(starts), _PROVED_AT_ONCE):
+        _prove_some(frames, starts[first:last], proved)
+
+
 @kernel
-def prove_all(frames: Frames, starts: Array, proved: Proved) -> int:
-    """Prove the equilibria near the polar loads `starts` (m, 4), one by one; return how many could be proved."""
+def _prove_some(frames: Frames, starts: Array, proved: Proved) -> None:
     work = make_krawczyk()
-    count = 0
     for n in range(starts.shape[0]):
-        count += prove(frames, starts[n].copy(), proved, work)
-    return count
+        prove(frames, starts[n].copy(), proved, work)
 
 
 @kernel
@@ -120,25 +129,42 @@ def _narrow(first: Array, second: Array, work: Krawczyk) -> bool:
     return True
 
 
-@kernel
-def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Integers) -> int:
-    """Find the pairs of leaves that may hold an equilibrium outside the proved boxes; return how many there are.
+class OpenPairs(NamedTuple):
+    """The search for pairs of leaves that may hold an equilibrium."""
 
-    They are put into `pairs` (m, 2); if there are more than fit, only one more than fit is counted.
+    parts: Array  # (2, nodes, 4, 5): what each leg adds to the equations over each node
+    stack: Integers  # (m, 3): pairs of nodes, by their numbers in their levels, and the depth
+    pairs: Integers  # (n, 2): those found
+    counts: Integers  # (2,): how many are on the stack, and how many have been found
+
+
+def make_open_pairs(cells: UnitCells, most: int) -> OpenPairs:
+    """Return room for so many pairs, with the roots on the stack."""
+    stack = np.zeros((16 * (cells.levels + 2), 3), dtype=np.int64)
+    stack[:4, :2] = (0, 0), (1, 0), (0, 1), (1, 1)
+    parts = np.empty((2, len(cells.boxes), ROWS, 5))
+    return OpenPairs(parts, stack, np.empty((most, 2), dtype=np.int64), np.array([4, 0]))
+
+
+@kernel
+def set_parts(cells: UnitCells, frames: Frames, leg: int, search: OpenPairs) -> None:
+    """Fill in what a leg adds to the equations over each node."""
+    for node in range(cells.boxes.shape[0]):
+        set_contribution(frames, leg, cells.models[node], search.parts[leg, node])
+
+
+@kernel
+def find_open_pairs(cells: UnitCells, proved: Proved, search: OpenPairs) -> bool:
+    """Find pairs of leaves that may hold an equilibrium outside the proved boxes; return whether more are to come.
+
+    A call does a slice of the work, and less where there is no more room.
     """
-    nodes, levels = cells.boxes.shape[0], cells.levels
-    parts = np.empty((2, nodes, ROWS, 5))
-    for leg in range(2):
-        for node in range(nodes):
-            set_contribution(frames, leg, cells.models[node], parts[leg, node])
+    parts, stack, pairs, levels = search.parts, search.stack, search.pairs, cells.levels
     work = make_krawczyk()
-    stack = np.empty((16 * (levels + 2), 3), dtype=np.int64)
-    top = 0
-    for start in range(4):
-        stack[top, 0], stack[top, 1], stack[top, 2] = start & 1, start >> 1, 0
-        top += 1
-    count = 0
-    while top > 0:
+    top, count = search.counts[0], search.counts[1]
+    for _ in range(_PAIRS_AT_ONCE):
+        if top == 0 or count == pairs.shape[0]:
+            break
         top -= 1
         first, second, depth = stack[top, 0], stack[top, 1], stack[top, 2]
         level_1, level_2 = (depth + 1) // 2, depth // 2
@@ -151,8 +177,6 @@ def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Int
             if not _narrow(parts[0, node_1], parts[1, node_2], work):
                 continue
         if level_2 == levels:
-            if count == pairs.shape[0]:
-                return count + 1
             pairs[count, 0], pairs[count, 1] = node_1, node_2
             count += 1
             continue
@@ -161,29 +185,49 @@ def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Int
             stack[top, depth % 2] = 4 * stack[top, depth % 2] + child
             stack[top, 2] = depth + 1
             top += 1
-    return count
+    search.counts[0], search.counts[1] = top, count
+    return bool(top > 0)
+
+
+class Resolution(NamedTuple):
+    """The examination of pairs of leaves."""
+
+    pairs: Integers  # (n, 2)
+    stack: Array  # (depth, 2, 4): parts of the present pair that are open
+    counts: Integers  # (2,): the number of the next pair, and how many parts of the present one are open
+
+
+def make_resolution(pairs: Integers) -> Resolution:
+    """Return the examination of these pairs, at its beginning."""
+    return Resolution(pairs, np.empty((_DEPTH, 2, 4)), np.zeros(2, dtype=np.int64))
 
 
 @kernel
-def resolve(cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved: Proved, undecided: Undecided) -> bool:
-    """Examine pairs of leaves until all parts are excluded, proved, or too small; False where a limit was met first.
+def resolve(
+    cells: UnitCells, frames: Frames, search: Resolution, most: int, proved: Proved, undecided: Undecided
+) -> int:
+    """Examine pairs of leaves until all parts are excluded, proved, or too small; return how that stands.
 
-    What was not examined then is put into `undecided` as one pair that holds it all.
+    A call does a slice of the work. Where a limit is met first, what was not examined is put into `undecided` as one
+    pair that holds it all.
     """
-    work = make_krawczyk()
-    stack = np.empty((_DEPTH, 2, 4))
-    for n in range(pairs.shape[0]):
-        for leg in range(2):
-            stack[0, leg] = cells.boxes[pairs[n, leg]]
-        top = 1
-        while top > 0:
-            is_full = undecided.total[0] + 1 >= undecided.cells.shape[0]
-            if undecided.examined[0] >= most or is_full or top + 2 > _DEPTH:
-                _give_up(cells, pairs[n + 1 :], stack[:top], undecided)
-                return False
-            undecided.examined[0] += 1
-            top += _examine(frames, stack, top - 1, proved, undecided, work)
-    return True
+    work, stack, pairs = make_krawczyk(), search.stack, search.pairs
+    n, top = search.counts[0], search.counts[1]
+    for _ in range(_PARTS_AT_ONCE):
+        if top == 0:
+            if n == pairs.shape[0]:
+                return RESOLVED
+            for leg in range(2):
+                stack[0, leg] = cells.boxes[pairs[n, leg]]
+            n, top = n + 1, 1
+        is_full = undecided.total[0] + 1 >= undecided.cells.shape[0]
+        if undecided.examined[0] >= most or is_full or top + 2 > _DEPTH:
+            _give_up(cells, pairs[n:], stack[:top], undecided)
+            return GIVEN_UP
+        undecided.examined[0] += 1
+        top += _examine(frames, stack, top - 1, proved, undecided, work)
+    search.counts[0], search.counts[1] = n, top
+    return GOES_ON
 
 
 @kernel

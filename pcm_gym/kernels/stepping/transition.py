@@ -19,6 +19,8 @@ from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, make_seen,
 # look for steps that arrive, and ask about many that do not; tracking each of these to its fold takes fifty times as
 # long. What arrives does so to the same bits.
 GIVE_UP = -1
+# With so many rows that lock-step has refused, each of which may snap, a call does no more than these.
+_REFUSED_AT_ONCE = 128
 
 
 @kernel
@@ -29,8 +31,8 @@ def step_batch(
     moves: Moves,
     rules: StepRules,
     report: Report,
-) -> None:
-    """Move the inputs of some rows in place.
+) -> int:
+    """Move the inputs of some rows in place; return how many: all, unless many of those first in `rows` take long.
 
     Inputs beyond an actuator's limit are cut. Rows that would lose stability do as the rules say, see `instability`.
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
@@ -39,6 +41,7 @@ def step_batch(
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
+    done = 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -55,8 +58,12 @@ def step_batch(
                 continue
             store_lane(states, row, block, lane)
             report_lane(row, common, lane, seen, is_cut[lane], rules, report)
+        done = first + count
+        if refused_count >= _REFUSED_AT_ONCE:
+            break
     if refused_count > 0:
         _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
+    return int(done)
 
 
 @kernel
