@@ -27,9 +27,9 @@ class Preview:
     index : int array (...)
     stability_margin, singularity_margin, residual : array (...)
     event : int array (...)
-        The event, as its place in `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver
-        failure.
-    cost, cost_unstable, cost_singular, cost_limit, cost_solver : array (...)
+        Numbers of `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver failure.
+    at_limit : bool array (...)
+    cost, cost_unstable, cost_singular, cost_solver : array (...)
     reward : array (...)
         The reward of the step, for the goal that counts then.
     terminated : bool array (...)
@@ -43,10 +43,10 @@ class Preview:
     singularity_margin: Array
     residual: Array
     event: Integers
+    at_limit: Mask
     cost: Array
     cost_unstable: Array
     cost_singular: Array
-    cost_limit: Array
     cost_solver: Array
     reward: Array
     terminated: Mask
@@ -68,6 +68,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         singularity_margin=verdicts["singularity_margin"],
         residual=verdicts["residual"],
         event=verdicts["event"],
+        at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts),
         **{name: verdicts[name] for name in Costs.__annotations__},
         reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),

@@ -9,9 +9,6 @@ from pcm_gym.arrays import Array, Integers, Mask, Records
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress
 from pcm_gym.kernels.stepping.report import Costs, Verdict
-from pcm_gym.solving.tracking import EVENTS
-
-_EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
 
 
 class Info(TypedDict):
@@ -22,13 +19,11 @@ class Info(TypedDict):
     is_success : bool
         Whether the state is stable and at its goal, for `hold_steps` states in a row.
     cost : float
-        Sum of the four costs that follow. Each is 0 or 1, and 0 at reset.
+        Sum of the three costs that follow. Each is 0 or 1, and 0 at reset.
     cost_unstable : float
         1 where stability was lost on the way, or the state is unstable.
     cost_singular : float
         1 where the singularity margin is below `singular_margin`.
-    cost_limit : float
-        1 where an increment was cut at an actuator's limit.
     cost_solver : float
         1 where the solver failed.
     index : int
@@ -39,22 +34,24 @@ class Info(TypedDict):
         Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
     residual : float
         Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
-    event : str
-        The first loss of stability on the way: "fold", where the branch ends, or "index_change", where it goes on with
-        another index; else "solver_failure", "actuator_limit" or "none".
+    event : int
+        Number of a `pcm_gym.Event`, the first loss of stability on the way: 1, a fold, where the branch ends, or 2, a
+        change of the index, with which it goes on; else 4, a failure of the solver, 3, an actuator's limit, or 0, none.
+    at_limit : bool
+        Whether an increment was cut at an actuator's limit.
     """
 
     is_success: bool
     cost: float
     cost_unstable: float
     cost_singular: float
-    cost_limit: float
     cost_solver: float
     index: int
     stability_margin: float
     singularity_margin: float
     residual: float
-    event: str
+    event: int
+    at_limit: bool
 
 
 # An info tells a verdict field by field, after whether it is a success and the sum of the costs.
@@ -116,12 +113,10 @@ class Outcome(NamedTuple):
         """Return the info of one row, an `Info` in Python's own types, and the task's metrics."""
         verdict = self.verdicts.item(row)
         info = dict(zip(_KEYS, (bool(self.success[row]), sum(verdict[: len(_COSTS)]), *verdict), strict=False))
-        info["event"] = _EVENT_NAMES[info["event"]]
         return {name: values.item(row) for name, values in self.metrics.items()} | info if self.metrics else info
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
         verdicts = self.verdicts
-        infos = {"is_success": self.success, "cost": total_cost(verdicts), **{name: verdicts[name] for name in _TOLD}}
-        infos["event"] = _EVENT_NAMES[verdicts["event"]]
-        return self.metrics | infos
+        told = {name: verdicts[name] for name in _TOLD}
+        return self.metrics | {"is_success": self.success, "cost": total_cost(verdicts), **told}

@@ -122,11 +122,6 @@ class Settings:
         """Whether the load differs from episode to episode."""
         return bool((self.load_range[0] != self.load_range[1]).any())
 
-    @property
-    def always_stable(self) -> bool:
-        """Whether no state is ever observed whose stability is lost."""
-        return self.on_instability in ("snap", "hold")
-
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
         return Scene(mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin)

@@ -221,7 +221,7 @@ def _settle(motion: Motion, rows: Integers, response: Response, report: Report) 
     events, is_cut = report.verdicts["event"][rows], response.is_cut[rows]
     is_usual = (events == NONE) | (events == ACTUATOR_LIMIT)
     report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, ACTUATOR_LIMIT, NONE), events)
-    report.verdicts["cost_limit"][rows] = is_cut
+    report.verdicts["at_limit"][rows] = is_cut
     arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
     motion.commands[rows] = np.where(arrived, response.commands[rows], motion.inputs[rows])
     motion.drives[rows] = np.where(arrived, response.drives[rows], motion.inputs[rows])

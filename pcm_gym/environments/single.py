@@ -40,8 +40,8 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Observation
     -----------
     A dict of `observation`, `achieved_goal` and `desired_goal`. `elements` lists what `observation` holds,
-    `goal_elements` what a goal holds. A load that is drawn and actuators that do not follow at once add elements; with
-    "snap" and "hold" there is no `is_stable`, which would always be 1.
+    `goal_elements` what a goal holds. A load that is drawn and actuators that do not follow at once add elements; no
+    other argument changes what there is, so that with "snap" and "hold" `is_stable` is always 1.
 
     Reward
     ------

@@ -75,10 +75,6 @@ class Layout:
         """Which elements are measured, (elements,)."""
         return np.array([part.is_measured for part in self.parts for _ in part.elements], dtype=np.bool_)
 
-    def without(self, name: str) -> "Layout":
-        """Return the layout without the part of that name."""
-        return Layout(tuple(part for part in self.parts if part.name != name))
-
 
 def feature_layout(mechanism: Mechanism) -> Layout:
     """Return where the kernels put the features of a state: pose, inputs, rods, is_stable and margins."""
