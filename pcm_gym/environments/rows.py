@@ -1,14 +1,17 @@
 """What a batch is and what a step of it comes to: one row per environment."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from pcm_gym.arrays import Array, Integers, Mask, Records
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress
 from pcm_gym.kernels.stepping.report import Costs, Verdict
+from pcm_gym.mechanism.validation import finite_array, mapping, shown, truth_array, whole_array
 
 
 class Info(TypedDict):
@@ -86,6 +89,23 @@ class Rows(NamedTuple):
         """The goals and what has been made of them."""
         return GoalProgress(self.goals, self.elapsed, self.held)
 
+    def checked(self, saved: Any, scene_count: int) -> "Rows":
+        """Return saved rows as new arrays like these; raise if they are not such."""
+        given = saved_parts(saved, self._fields)
+        found: dict[str, NDArray[Any]] = {}
+        for name, own in self._asdict().items():
+            value, what = given[name], f"state['rows'][{name!r}]"
+            if own.dtype == np.bool_:
+                found[name] = truth_array(what, value, own.shape)
+            elif own.dtype == np.int64:
+                found[name] = whole_array(what, value, own.shape, 0, scene_count - 1 if name == "scene" else 1 << 62)
+            elif name == "witness" and isinstance(value, np.ndarray) and np.isnan(value).any():
+                _ = finite_array(what, np.nan_to_num(value, nan=0.0, posinf=np.inf, neginf=-np.inf), own.shape)
+                found[name] = np.array(value, dtype=np.float64, order="C")
+            else:
+                found[name] = finite_array(what, value, own.shape)
+        return Rows(**found)
+
     def goals_ahead(self, rows: Integers | int, steps: int = 0) -> Array:
         """Return the goals (m, g) of some rows, or that of one, (g,), so many steps after the present one."""
         ahead: Array = self.goals[rows, (self.elapsed[rows] + steps) % self.goals.shape[1]]
@@ -96,6 +116,25 @@ def total_cost(verdicts: Records) -> Array:
     """Return the sum of the costs of steps, in the shape of their verdicts."""
     total: Array = np.add.reduce([verdicts[name] for name in _COSTS])
     return total
+
+
+def saved_parts(state: Any, names: Sequence[str]) -> Mapping[str, Any]:
+    """Return the parts of a saved state; raise unless it has those of these names."""
+    parts = mapping("state", state)
+    missing = [name for name in names if name not in parts]
+    if missing:
+        raise ValueError(f"state must be what save_state() of such an environment returns, got one without {missing}")
+    return parts
+
+
+def generator_of(name: str, state: Any) -> np.random.Generator:
+    """Return a generator in a saved state; raise if it is none."""
+    generator, _ = seeding.np_random(0)
+    try:
+        generator.bit_generator.state = state
+    except Exception:  # whatever NumPy makes of it
+        raise ValueError(f"{name} must be the state of a generator of random numbers, got {shown(state)}") from None
+    return generator
 
 
 class Outcome(NamedTuple):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics import closure
 from pcm_gym.mechanism.leg import Leg, Rod
-from pcm_gym.mechanism.validation import finite_tuple, finite_vector, instance_of, sequence_of, shown, text
+from pcm_gym.mechanism.validation import finite_tuple, finite_vector, instance_of, sequence_of, shape_of, shown, text
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class Mechanism:
         full = np.zeros(self.dof)
         if load is None:
             return full
-        size = 2 if self.dof == 3 and _has_two(load) else self.dof
+        size = 2 if self.dof == 3 and shape_of(load) == (2,) else self.dof
         full[:size] = finite_vector("load", load, size)
         return full
 
@@ -254,11 +254,3 @@ class Mechanism:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-
-
-def _has_two(load: Any) -> bool:
-    """Return whether a load has two parts, and lacks its moment."""
-    try:
-        return np.shape(load) == (2,)
-    except Exception:  # it is no array: whoever checks it says so
-        return False

@@ -7,12 +7,14 @@ double precision and in C order, so that compiled code meets one kind of them al
 import math
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Kind = TypeVar("Kind")
+Shape = tuple[int | str, ...]
 
 _LONGEST_SHOWN = 200
 # Kinds of arrays that hold real numbers: integers, with or without sign, and floating-point ones.
@@ -90,14 +92,17 @@ def finite_vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]
     return _finite(name, array)
 
 
-def finite_array(name: str, value: ArrayLike, shape: tuple[int | str, ...]) -> NDArray[np.float64]:
-    """Return a new float array, in C order, of finite real numbers; a name in the shape stands for any size."""
+def finite_array(name: str, value: ArrayLike, shape: Shape) -> NDArray[np.float64]:
+    """Return a new float array, in C order, of finite real numbers.
+
+    A name in the shape stands for any size, "..." at its beginning for any axes.
+    """
     array = _numbers(name, value, "an array of numbers")
     _check_shape(name, array, shape)
     return _finite(name, array)
 
 
-def whole_array(name: str, value: ArrayLike, shape: tuple[int | str, ...], least: int, most: int) -> NDArray[np.int64]:
+def whole_array(name: str, value: ArrayLike, shape: Shape, least: int, most: int) -> NDArray[np.int64]:
     """Return a new array, in C order, of whole numbers from `least` to `most`."""
     array = _as_array(value)
     if array is not None and array.size == 0:
@@ -108,6 +113,27 @@ def whole_array(name: str, value: ArrayLike, shape: tuple[int | str, ...], least
     if array.size and not (least <= array.min() and array.max() <= most):
         raise ValueError(f"{name} must be from {least} to {most}, got {shown(value)}")
     return np.array(array, dtype=np.int64, order="C")
+
+
+def shape_of(value: Any) -> tuple[int, ...]:
+    """Return the shape that a value has as an array: () of a number, and of what is no array at all."""
+    array = _as_array(value)
+    return () if array is None else array.shape
+
+
+def truth_array(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return a copy of a mask; raise unless it is a bool array of that shape."""
+    if not isinstance(value, np.ndarray) or value.dtype != np.bool_ or value.shape != shape:
+        raise ValueError(f"{name} must be a bool array of shape {shape}, got {shown(value)}")
+    return np.array(value, order="C")
+
+
+def file_path(name: str, value: Any) -> Path:
+    """Return `value` as a path; raise if it is none."""
+    try:
+        return Path(value)
+    except TypeError:
+        raise TypeError(f"{name} must be a path, got {shown(value)}") from None
 
 
 def limit_pair(name: str, value: Any) -> tuple[float, float]:
@@ -133,6 +159,14 @@ def instance_of(name: str, value: Any, kind: type[Kind]) -> Kind:
     return value
 
 
+def check_kinds(record: object, **kinds: Any) -> None:
+    """Raise unless the attributes of a record that are named are of these kinds."""
+    for name, kind in kinds.items():
+        value = getattr(record, name)
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} must be of type {_named(kind)}, got {shown(value)}")
+
+
 def text(name: str, value: Any) -> str:
     """Return `value`; raise unless it is a string that is not empty."""
     if not isinstance(value, str):
@@ -151,17 +185,17 @@ def mapping(name: str, value: Any) -> Mapping[Any, Any]:
     return value
 
 
-def sequence_of(name: str, value: Any, kind: type[Kind]) -> tuple[Kind, ...]:
+def sequence_of(name: str, value: Any, kind: Any) -> tuple[Any, ...]:
     """Return the members of a sequence as a tuple; raise unless it is one, and all are of that kind."""
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
-        raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {shown(value)}")
+        raise TypeError(f"{name} must be a sequence of {_named(kind)}, got {shown(value)}")
     try:
         members = tuple(value)
     except Exception:  # an array without an axis, or whatever a foreign object raises
-        raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {shown(value)}") from None
+        raise TypeError(f"{name} must be a sequence of {_named(kind)}, got {shown(value)}") from None
     for member in members:
         if not isinstance(member, kind):
-            raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {shown(member)} in it")
+            raise TypeError(f"{name} must be a sequence of {_named(kind)}, got {shown(member)} in it")
     return members
 
 
@@ -191,20 +225,26 @@ def _numbers(name: str, value: Any, wanted: str) -> NDArray[Any]:
 
 
 def _finite(name: str, array: NDArray[Any]) -> NDArray[np.float64]:
-    with np.errstate(all="ignore"):  # what is too large for double precision becomes infinite
-        copy = np.array(array, dtype=np.float64, order="C")
+    if array.dtype.itemsize > 8:  # what is too large for double precision becomes infinite, without a warning
+        with np.errstate(all="ignore"):
+            array = array.astype(np.float64)
+    copy = np.array(array, dtype=np.float64, order="C")
     if not np.isfinite(copy).all():
         raise ValueError(f"{name} must be finite, got {shown(copy.tolist())}")
     return copy
 
 
-def _check_shape(name: str, array: NDArray[Any], shape: tuple[int | str, ...]) -> None:
-    if len(array.shape) == len(shape) and all(
-        isinstance(wanted, str) or own == wanted for own, wanted in zip(array.shape, shape, strict=True)
-    ):
+def _check_shape(name: str, array: NDArray[Any], shape: Shape) -> None:
+    last = shape[1:] if shape and shape[0] == "..." else shape
+    own = array.shape[array.ndim - len(last) :] if last is not shape and array.ndim >= len(last) else array.shape
+    if len(own) == len(last) and all(isinstance(n, str) or n == m for m, n in zip(own, last, strict=True)):
         return
     wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
     raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
+
+
+def _named(kind: Any) -> str:
+    return getattr(kind, "__name__", None) or str(kind)
 
 
 def _article(kind: type) -> str:

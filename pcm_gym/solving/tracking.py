@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pcm_gym.kernels.branches import continuation
 from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import instance_of, truth_value
+from pcm_gym.mechanism.validation import check_kinds, instance_of, truth_value
 from pcm_gym.solving.equilibrium import Equilibrium
 
 
@@ -61,6 +61,9 @@ class TrackedStep:
     equilibrium: Equilibrium
     event: Event
     fraction: float
+
+    def __post_init__(self) -> None:
+        check_kinds(self, equilibrium=Equilibrium, event=Event, fraction=float)
 
 
 class BranchTracker:

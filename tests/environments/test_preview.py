@@ -197,7 +197,9 @@ def test_shapes_are_those_of_the_actions() -> None:
             for key, array in vars(env.preview(np.zeros((*leading, 3)))).items():
                 own = (3,) if key in ("pose", "inputs") else ()
                 assert array.shape == leading + own
-                kind = {"index": np.int64, "event": np.int64, "at_limit": np.bool_, "terminated": np.bool_}.get(key, np.float64)
+                kind = {"index": np.int64, "event": np.int64, "at_limit": np.bool_, "terminated": np.bool_}.get(
+                    key, np.float64
+                )
                 assert array.dtype == kind
 
 

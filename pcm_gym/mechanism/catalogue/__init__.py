@@ -37,8 +37,14 @@ def register_mechanism(mechanism: Mechanism) -> str:
     TypeError, ValueError
         If it is no mechanism, or if another one has its name.
     """
+    name = free_name(mechanism)
+    _MAKERS.setdefault(name, lambda: mechanism)
+    return name
+
+
+def free_name(mechanism: Mechanism) -> str:
+    """Return the name of a mechanism; raise if it is no mechanism, or if another one in the catalogue has its name."""
     name = instance_of("mechanism", mechanism, Mechanism).name
     if name in _MAKERS and get_mechanism(name) != mechanism:
         raise ValueError(f"name must be a new one, got {name!r}: another mechanism has it")
-    _MAKERS.setdefault(name, lambda: mechanism)
     return name

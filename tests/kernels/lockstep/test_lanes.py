@@ -96,7 +96,7 @@ def test_formulas_are_the_same_without_compilation() -> None:
 
 def simulation_of(name: str, rows: int, *, is_loaded: bool, thread_count: int = 1) -> Simulation:
     load = LOADS[name] if is_loaded else None
-    settings = Settings.from_arguments(name, load=load)
+    settings = Settings.from_arguments(name, {"load": load})
     simulation = Simulation(settings, rows, thread_count)
     simulation.reset_rows(np.arange(rows), [np.random.default_rng(row) for row in range(rows)], None)
     return simulation
@@ -120,7 +120,7 @@ def test_states_at_rest_are_described_as_rows_that_stand_still_alone(name: str) 
     simulation = simulation_of(name, 200, is_loaded=True)
     settings, states = simulation.settings, simulation.rows.states
     legs, rows, still = settings.mechanism.leg_table, np.arange(201), np.zeros((201, settings.mechanism.leg_count))
-    home = Settings.from_arguments(name).scenes()[0]
+    home = Settings.from_arguments(name, {}).scenes()[0]
     states = States(*(np.append(a, b, axis=0) for a, b in zip(states, home.at_equilibrium(home.home, 1), strict=True)))
     found, expected = (Simulation(settings, 201)._empty_report() for _ in range(2))
     describe_batch(legs, states, rows, found)
