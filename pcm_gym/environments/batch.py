@@ -18,7 +18,7 @@ from pcm_gym.environments.rows import Outcome, generator_of, saved_parts
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation
-from pcm_gym.kernels.numerics.threads import default_thread_count
+from pcm_gym.kernels.numerics.threads import MOST_THREADS, default_thread_count
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
     finite_array,
@@ -32,8 +32,8 @@ from pcm_gym.mechanism.validation import (
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Task
 
-# Beyond these numbers there is a mistake, and no memory or no use.
-_MOST_ENVIRONMENTS, _MOST_THREADS = 1_000_000, 256
+# Beyond this number there is a mistake, and no memory.
+_MOST_ENVIRONMENTS = 1_000_000
 
 
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -76,12 +76,12 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
         if threads is None:
             threads = default_thread_count()
-        threads = whole_number("threads", threads, least=1, most=_MOST_THREADS)
+        threads = whole_number("threads", threads, least=1, most=MOST_THREADS)
         self._simulation = Simulation(settings, num_envs, threads)
         self.single_observation_space, self.single_action_space = self._simulation.spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        is_endless = max_episode_steps is None or max_episode_steps == -1
+        is_endless = max_episode_steps is None or (isinstance(max_episode_steps, int) and max_episode_steps == -1)
         self._max_episode_steps = (
             np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
         )
@@ -213,7 +213,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         TypeError, ValueError
             If it is none, or one of a batch of another kind; nothing is changed then.
         """
-        parts = saved_parts(state, ("rows", "generators", "generator_seeds", "ended", "begun", "kept"))
+        parts = saved_parts("state", state, ("rows", "generators", "generator_seeds", "ended", "begun", "kept"))
         rows, count = self._simulation.checked_rows(parts["rows"]), self.num_envs
         saved = sequence_of("state['generators']", parts["generators"], dict)
         generators = [generator_of("state['generators']", own) for own in saved]

@@ -135,7 +135,8 @@ def _scene_for(scene: Scene, options: Mapping[str, Any]) -> Scene:
         return scene
     start, load = options.get("equilibrium"), np.array(scene.load)
     start = scene.home if start is None else reached(start, start.inputs, load, "load")
-    return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
+    inputs = scene.mechanism.check_inputs(options["inputs"]) if "inputs" in options else start.inputs
+    return replace(scene, origin=reached(start, inputs, load, "inputs"))
 
 
 def _filled(array: Array, values: Array) -> Array:

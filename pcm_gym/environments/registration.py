@@ -9,9 +9,9 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from pcm_gym.environments.arguments import task_arguments
-from pcm_gym.mechanism import Mechanism, get_mechanism, register_mechanism
+from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names, register_mechanism
 from pcm_gym.mechanism.catalogue import free_name
-from pcm_gym.mechanism.validation import text, whole_number
+from pcm_gym.mechanism.validation import one_of, text, whole_number
 from pcm_gym.tasks import Task, free_task_name, register_task, task_type
 
 
@@ -113,7 +113,7 @@ def register_environment(
     arguments = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in arguments.items()}
     if time_limit is not None:
         time_limit = whole_number("time_limit", time_limit, least=1)
-    own = get_mechanism(mechanism) if isinstance(mechanism, str) else mechanism
+    own = get_mechanism(one_of("mechanism", mechanism, mechanism_names())) if isinstance(mechanism, str) else mechanism
     task_name = task if isinstance(task, str) else free_task_name(task)
     Registered(environment_id, free_name(own), task_name, time_limit, arguments).register()
     # the names are free, and all is known or nothing

@@ -91,7 +91,7 @@ class Rows(NamedTuple):
 
     def checked(self, saved: Any, scene_count: int) -> "Rows":
         """Return saved rows as new arrays like these; raise if they are not such."""
-        given = saved_parts(saved, self._fields)
+        given = saved_parts("state['rows']", saved, self._fields)
         found: dict[str, NDArray[Any]] = {}
         for name, own in self._asdict().items():
             value, what = given[name], f"state['rows'][{name!r}]"
@@ -99,9 +99,18 @@ class Rows(NamedTuple):
                 found[name] = truth_array(what, value, own.shape)
             elif own.dtype == np.int64:
                 found[name] = whole_array(what, value, own.shape, 0, scene_count - 1 if name == "scene" else 1 << 62)
-            elif name == "witness" and isinstance(value, np.ndarray) and np.isnan(value).any():
-                _ = finite_array(what, np.nan_to_num(value, nan=0.0, posinf=np.inf, neginf=-np.inf), own.shape)
-                found[name] = np.array(value, dtype=np.float64, order="C")
+            elif (
+                name == "witness"
+                and isinstance(value, np.ndarray)
+                and (value.dtype, value.shape)
+                == (
+                    own.dtype,
+                    own.shape,
+                )
+            ):
+                is_known = ~np.isnan(value)
+                finite_array(what, value[is_known], ("n",))
+                found[name] = np.array(value, order="C")
             else:
                 found[name] = finite_array(what, value, own.shape)
         return Rows(**found)
@@ -118,12 +127,12 @@ def total_cost(verdicts: Records) -> Array:
     return total
 
 
-def saved_parts(state: Any, names: Sequence[str]) -> Mapping[str, Any]:
+def saved_parts(name: str, state: Any, names: Sequence[str]) -> Mapping[str, Any]:
     """Return the parts of a saved state; raise unless it has those of these names."""
-    parts = mapping("state", state)
-    missing = [name for name in names if name not in parts]
+    parts = mapping(name, state)
+    missing = [part for part in names if part not in parts]
     if missing:
-        raise ValueError(f"state must be what save_state() of such an environment returns, got one without {missing}")
+        raise ValueError(f"{name} must be what save_state() of such an environment returns, got one without {missing}")
     return parts
 
 

@@ -11,9 +11,8 @@ from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Works
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.kernels.stepping.report import StepRules
-from pcm_gym.mechanism import Mechanism, get_mechanism
+from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
 from pcm_gym.mechanism.validation import (
-    finite_array,
     number_not_negative,
     one_of,
     positive_number,
@@ -85,7 +84,7 @@ class Settings:
     def from_arguments(cls, mechanism: Mechanism | str, arguments: EnvironmentArguments) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
         if isinstance(mechanism, str):
-            mechanism = get_mechanism(mechanism)
+            mechanism = get_mechanism(one_of("mechanism", mechanism, mechanism_names()))
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {shown(mechanism)}")
         given = DEFAULTS | arguments
@@ -191,8 +190,10 @@ def _behaviour(task: Task, on_instability: Any) -> OnInstability:
 
 def _load_range(mechanism: Mechanism, load: ArrayLike | None) -> Array:
     if load is not None and len(shape_of(load)) == 2:
-        ends = np.stack([mechanism.check_load(end) for end in finite_array("load", load, ("n", "d"))])
-        if len(ends) != 2 or not (ends[0] <= ends[1]).all():
+        ends = np.zeros((2, mechanism.dof))
+        if shape_of(load)[0] == 2:
+            ends[:] = [mechanism.check_load(end) for end in np.asarray(load)]
+        if shape_of(load)[0] != 2 or not (ends[0] <= ends[1]).all():
             raise ValueError(f"load must be one load, or (least, greatest), got {shown(load)}")
         return ends
     return np.tile(mechanism.check_load(load), (2, 1))

@@ -15,7 +15,7 @@ from pcm_gym.environments.rows import Outcome, generator_of, saved_parts
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_array, finite_vector, truth_value, whole_number
+from pcm_gym.mechanism.validation import finite_array, finite_vector, shape_of, truth_value, whole_number
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Element, Task
 
@@ -232,10 +232,11 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         TypeError, ValueError
             If it is none, or one of an environment of another kind; nothing is changed then.
         """
-        parts = saved_parts(state, ("rows", "stability_lost", "trail", "generator"))
+        parts = saved_parts("state", state, ("rows", "stability_lost", "trail", "generator"))
         rows = self._simulation.checked_rows(parts["rows"])
         generator = generator_of("state['generator']", parts["generator"])
-        trail = finite_array("state['trail']", parts["trail"], ("n", 2)) if len(parts["trail"]) else ()
+        has_trail = shape_of(parts["trail"]) != (0,)
+        trail = finite_array("state['trail']", parts["trail"], ("n", 2)) if has_trail else ()
         is_lost = truth_value("state['stability_lost']", parts["stability_lost"])
         self._simulation.restore_rows(rows)
         self._stability_lost, self._trail = is_lost, list(trail)

@@ -83,13 +83,13 @@ class SolverShield(gymnasium.Wrapper[Observation, Action, Observation, Action], 
     """
 
     def __init__(self, env: gymnasium.Env[Observation, Action], least_margin: float | None = None) -> None:
-        RecordConstructorArgs.__init__(self, least_margin=least_margin)
-        super().__init__(instance_of("env", env, gymnasium.Env))
-        if not isinstance(env.unwrapped, MechanismEnv):
+        if not isinstance(instance_of("env", env, gymnasium.Env).unwrapped, MechanismEnv):
             raise TypeError(f"env must be an environment of pcm_gym, got {env.unwrapped!r}")
+        self.least_margin = _margin(env.unwrapped.singular_margin, least_margin)
+        RecordConstructorArgs.__init__(self, least_margin=self.least_margin)
+        super().__init__(env)
         _refuse(env, gymnasium.ActionWrapper, "change actions")
         self._mechanism_env = env.unwrapped
-        self.least_margin = _margin(env.unwrapped.singular_margin, least_margin)
         self._shield = Shield(env.unwrapped._simulation, self.least_margin)
 
     def step(self, action: Action) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:

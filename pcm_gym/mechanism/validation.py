@@ -17,6 +17,7 @@ Kind = TypeVar("Kind")
 Shape = tuple[int | str, ...]
 
 _LONGEST_SHOWN = 200
+_NO_NUMBERS = bool | np.bool_ | np.timedelta64  # to Python these are numbers, too
 # Kinds of arrays that hold real numbers: integers, with or without sign, and floating-point ones.
 _NUMERIC, _WHOLE = "iuf", "iu"
 
@@ -63,7 +64,7 @@ def number_not_negative(name: str, value: Any) -> float:
 
 def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Return `value` as an int; raise if it is no whole number, less than `least` or more than `most`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+    if not isinstance(value, int | np.integer) or isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     if value < least:
         raise ValueError(f"{name} must be at least {least}, got {shown(value)}")
@@ -105,8 +106,8 @@ def finite_array(name: str, value: ArrayLike, shape: Shape) -> NDArray[np.float6
 def whole_array(name: str, value: ArrayLike, shape: Shape, least: int, most: int) -> NDArray[np.int64]:
     """Return a new array, in C order, of whole numbers from `least` to `most`."""
     array = _as_array(value)
-    if array is not None and array.size == 0:
-        array = array.astype(np.int64)  # no numbers at all are no floats
+    if array is not None and _is_whole_by_parts(array):
+        array = array.astype(np.int64)
     if array is None or array.dtype.kind not in _WHOLE:
         raise TypeError(f"{name} must be an array of whole numbers, got {shown(value)}")
     _check_shape(name, array, shape)
@@ -200,7 +201,7 @@ def sequence_of(name: str, value: Any, kind: Any) -> tuple[Any, ...]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+    return isinstance(value, numbers.Real) and not isinstance(value, _NO_NUMBERS)
 
 
 def _as_array(value: Any) -> NDArray[Any] | None:
@@ -211,6 +212,13 @@ def _as_array(value: Any) -> NDArray[Any] | None:
         return np.asarray(value)
     except Exception:  # ragged nesting, or whatever a foreign object raises when it is asked for its numbers
         return None
+
+
+def _is_whole_by_parts(array: NDArray[Any]) -> bool:
+    """Return whether an array without a kind of its own holds whole numbers, or nothing at all."""
+    if array.dtype.kind != "O":
+        return array.dtype.kind == "f" and array.size == 0
+    return all(_is_number(own) and isinstance(own, int) and abs(own) < 1 << 62 for own in array.flat)
 
 
 def _numbers(name: str, value: Any, wanted: str) -> NDArray[Any]:

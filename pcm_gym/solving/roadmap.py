@@ -77,14 +77,15 @@ class Roadmap:
     seeds: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        mechanism, count = instance_of("mechanism", self.mechanism, Mechanism), len(self.cells)
-        instance_of("raster", self.raster, Raster)
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        cells = whole_array("cells", self.cells, ("n",), 0, instance_of("raster", self.raster, Raster).size - 1)
+        count = len(cells)
         checked: dict[str, Any] = {
             "load": mechanism.check_load(self.load),
             "least_margin": number_not_negative("least_margin", self.least_margin),
             "states": finite_array("states", self.states, (count, mechanism.state_size)),
             "inputs": finite_array("inputs", self.inputs, (count, mechanism.leg_count)),
-            "cells": whole_array("cells", self.cells, (count,), 0, self.raster.size - 1),
+            "cells": cells,
             "ways": whole_array("ways", self.ways, (count, 2 * mechanism.leg_count), -1, count - 1),
             "seeds": tuple(whole_array("seeds", self.seeds, ("n",), -1, count - 1).tolist()),
         }
@@ -139,7 +140,7 @@ class Roadmap:
         """
         graph, sources = self._graph, self.checked_nodes("nodes", nodes)
         falls = None if falls is None else whole_array("falls", falls, ("m", 2), 0, len(self) - 1)
-        most = most if most == np.inf else number_not_negative("most", most)
+        most = most if isinstance(most, float) and most == np.inf else number_not_negative("most", most)
         if not len(self):
             return np.empty((0, 0)), np.empty((0, 0))
         if falls is not None and len(falls):
@@ -297,7 +298,7 @@ def _node_with(roadmap: Roadmap, cell: int, x: Array) -> int:
 
 def _load_of(mechanism: Mechanism, seeds: Sequence[Equilibrium]) -> Array:
     if not seeds:
-        raise ValueError("seeds must hold at least one equilibrium")
+        raise ValueError("seeds must hold at least one equilibrium, got none")
     for seed in seeds:
         if seed.mechanism != mechanism:
             raise ValueError(

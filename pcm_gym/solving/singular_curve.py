@@ -63,11 +63,13 @@ class SingularCurve:
     indices: tuple[int, int] | None
 
     def __post_init__(self) -> None:
-        mechanism, count = instance_of("mechanism", self.mechanism, Mechanism), len(self.states)
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         size, legs = mechanism.state_size, mechanism.leg_count
+        states = finite_array("states", self.states, ("n", size))
+        count = len(states)
         checked: dict[str, Any] = {
             "load": mechanism.check_load(self.load),
-            "states": finite_array("states", self.states, (count, size)),
+            "states": states,
             "inputs": finite_array("inputs", self.inputs, (count, legs)),
             "tangents": finite_array("tangents", self.tangents, (count, size + legs)),
         }

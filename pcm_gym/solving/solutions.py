@@ -88,10 +88,12 @@ class StableStates(Sequence[Equilibrium]):
     branches: NDArray[np.int32]
 
     def __post_init__(self) -> None:
-        mechanism, count = instance_of("mechanism", self.mechanism, Mechanism), len(self.states)
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        states = finite_array("states", self.states, ("n", mechanism.state_size))
+        count = len(states)
         checked = {
             "load": mechanism.check_load(self.load),
-            "states": finite_array("states", self.states, (count, mechanism.state_size)),
+            "states": states,
             "inputs": finite_array("inputs", self.inputs, (count, mechanism.leg_count)),
             "branches": whole_array("branches", self.branches, (count,), -1, (1 << 31) - 1).astype(np.int32),
         }

@@ -94,7 +94,7 @@ class Goals:
 
     def elements_in(self, steps: int) -> tuple[Element, ...]:
         """Return the elements that tell what the goal will be after some steps."""
-        whole_number("steps", steps, least=1)
+        whole_number("steps", steps, least=1, most=1 << 30)
         suffix, what = f"_in_{steps}", f" of the goal {steps} step{'s' * (steps > 1)} from now"
         elements = pose_elements(self.mechanism, suffix, what)
         return elements + input_elements(self.mechanism, suffix, what) if self.with_inputs else elements

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts.walks import walk
-from pcm_gym.kernels.numerics.threads import pieces_of, run_all
+from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -17,8 +17,8 @@ from pcm_gym.mechanism.validation import (
     finite_tuple,
     instance_of,
     number_not_negative,
-    sequence_of,
     shown,
+    whole_array,
     whole_number,
 )
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
@@ -29,6 +29,7 @@ from pcm_gym.tasks.memory import remembered
 _LIMIT_RESERVE = 2.0
 # Starts and goals keep this many times the margin below which a state counts as nearly singular.
 _RESERVE = 1.5
+_MOST_ROWS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -102,12 +103,12 @@ class Scene:
 
     def starts(self, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
-        numbers, roadmap = self._checked(numbers, 1), self.roadmap
+        numbers, roadmap = self._checked(numbers, threads, 1), self.roadmap
         return self.beside(nodes_by_sums(roadmap.pose_density_sums, numbers[:, 0]), numbers[:, 1:], threads)
 
     def beside(self, nodes: ArrayLike, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
-        numbers, nodes = self._checked(numbers), self.roadmap.checked_nodes("nodes", nodes)
+        numbers, nodes = self._checked(numbers, threads), self.roadmap.checked_nodes("nodes", nodes)
         if len(numbers) != len(nodes):
             raise ValueError(f"numbers must be as many as the nodes, {len(nodes)}, got {len(numbers)}")
         states, pitch = self.at_nodes(nodes), np.array(self.pitch)
@@ -133,7 +134,7 @@ class Scene:
         """Return `count` copies of an equilibrium."""
         if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != self.mechanism:
             raise ValueError(f"equilibrium must be of {self.mechanism.name!r}, got {shown(equilibrium)}")
-        whole_number("count", count, least=0)
+        whole_number("count", count, least=0, most=_MOST_ROWS)
         return States(*(np.tile(value, (count, 1)) for value in equilibrium.kernel_values()))
 
     def walk(self, states: States, numbers: ArrayLike, steps_range: tuple[int, int], threads: int = 1) -> None:
@@ -142,11 +143,11 @@ class Scene:
         `numbers` from [0, 1), (n, 1 + legs), decide how many steps of `steps_range` and where to. A walk ends before
         the first step that would lose stability or come under the reserve.
         """
-        numbers, (lowest, span) = self._checked(numbers, 1), self._walked_range
+        numbers, (lowest, span) = self._checked(numbers, threads, 1), self._walked_range
         self._check_states(states, len(numbers))
-        least, most = sequence_of("steps_range", steps_range, int | np.integer)
-        whole_number("steps_range", least, least=0)
-        whole_number("steps_range", most, least=least)
+        least, most = whole_array("steps_range", steps_range, (2,), 0, _MOST_ROWS).tolist()
+        if most < least:
+            raise ValueError(f"steps_range must be (least, most), got {shown(steps_range)}")
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
         self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
 
@@ -157,8 +158,9 @@ class Scene:
         edge = np.minimum(_LIMIT_RESERVE * np.array(self.stride), 0.25 * (upper - lower))
         return lower + edge, upper - lower - 2.0 * edge
 
-    def _checked(self, numbers: ArrayLike, more: int = 0) -> Array:
-        """Return numbers from [0, 1), (n, legs) or more columns, as a new array."""
+    def _checked(self, numbers: ArrayLike, threads: int, more: int = 0) -> Array:
+        """Return numbers from [0, 1), (n, legs) or more columns, as a new array; threads are checked as well."""
+        whole_number("threads", threads, least=1, most=MOST_THREADS)
         checked = finite_array("numbers", numbers, ("n", self.mechanism.leg_count + more))
         if checked.size and not (checked.min() >= 0.0 and checked.max() < 1.0):
             raise ValueError(f"numbers must be at least 0 and less than 1, got {shown(numbers)}")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.numerics.threads import MOST_THREADS
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
@@ -149,7 +150,7 @@ def check_sampling(scene: Scene, generators: Generators, threads: int) -> None:
     """Raise unless the arguments of `Task.sample` are such."""
     instance_of("scene", scene, Scene)
     sequence_of("generators", generators, np.random.Generator)
-    whole_number("threads", threads, least=1)
+    whole_number("threads", threads, least=1, most=MOST_THREADS)
 
 
 def draw(generators: Generators, count: int) -> Array:

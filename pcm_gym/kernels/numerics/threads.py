@@ -15,6 +15,8 @@ import numba
 PIECE = 128
 # With fewer rows than this the threads cost more than they save.
 LEAST_ROWS = 256
+# More threads than these are a mistake.
+MOST_THREADS = 256
 
 
 def default_thread_count() -> int:
