@@ -281,12 +281,12 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, int | np.integer):
-            first = whole_number("seed", seed, least=0)
+            first = whole_number("seed", seed, least=0, most=None)
             return [first + row for row in range(self.num_envs)]
         seeds = sequence_of("seed", seed, int | np.integer | None)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
-        return [None if own is None else whole_number("seed", own, least=0) for own in seeds]
+        return [None if own is None else whole_number("seed", own, least=0, most=None) for own in seeds]
 
     def _checked_mask(self, mask: Any) -> Mask:
         if mask is None:

@@ -175,7 +175,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError
             If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
         """
-        super().reset(seed=None if seed is None else whole_number("seed", seed, least=0))
+        super().reset(seed=None if seed is None else whole_number("seed", seed, least=0, most=None))
         generators, row = [self.np_random], np.zeros(1, dtype=np.int64)
         self._simulation.reset_rows(row, generators, options)
         self._stability_lost = False

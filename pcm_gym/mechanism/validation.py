@@ -17,6 +17,7 @@ Kind = TypeVar("Kind")
 Shape = tuple[int | str, ...]
 
 _LONGEST_SHOWN = 200
+_LARGEST = 1 << 62  # and its negative: whole numbers that arrays can hold, and sums of two of them
 _NO_NUMBERS = bool | np.bool_ | np.timedelta64  # to Python these are numbers, too
 # Kinds of arrays that hold real numbers: integers, with or without sign, and floating-point ones.
 _NUMERIC, _WHOLE = "iuf", "iu"
@@ -62,8 +63,8 @@ def number_not_negative(name: str, value: Any) -> float:
     return number
 
 
-def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """Return `value` as an int; raise if it is no whole number, less than `least` or more than `most`."""
+def whole_number(name: str, value: Any, least: int, most: int | None = _LARGEST) -> int:
+    """Return `value` as an int; raise if it is no whole number, less than `least` or more than `most`, if that is not None."""
     if not isinstance(value, int | np.integer) or isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     if value < least:
@@ -218,7 +219,7 @@ def _is_whole_by_parts(array: NDArray[Any]) -> bool:
     """Return whether an array without a kind of its own holds whole numbers, or nothing at all."""
     if array.dtype.kind != "O":
         return array.dtype.kind == "f" and array.size == 0
-    return all(_is_number(own) and isinstance(own, int) and abs(own) < 1 << 62 for own in array.flat)
+    return all(_is_number(own) and isinstance(own, int) and abs(own) <= _LARGEST for own in array.flat)
 
 
 def _numbers(name: str, value: Any, wanted: str) -> NDArray[Any]:

@@ -17,8 +17,8 @@ from pcm_gym.solving.raster_states import RasterStates
 FORMAT = "pcm_gym atlas"
 VERSION = 1
 
-# An atlas takes some 10 MB; what unpacks to more than this, in bytes, is none.
-LARGEST = 1 << 31
+# An atlas takes some 10 MB, of a platform some 100 MB; what unpacks to more than this, in bytes, is none.
+LARGEST = 1 << 33
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -288,6 +288,7 @@ def _of_tasks(name: str) -> Iterator[Door]:
     yield Door("Task.score", task.score, scored, ("achieved", "desired"))
     drawn = {"scene": place, "generators": [np.random.default_rng(0)], "threads": 1}
     yield Door("Task.sample", task.sample, drawn, compares=False)
+    yield Door("Task", Reach, {"goals": goals, "difficulty": "near"})
     yield Door("Task.argument_names", task.argument_names)
     yield Door("Task.metrics", task.metrics, scored, unchecked=("achieved", "desired"))
     fields = {key: getattr(place, key) for key in ("mechanism", "load", "stride", "margin", "origin")}
@@ -364,7 +365,7 @@ def _of_environments(name: str) -> Iterator[Door]:
     yield from _of_resets(name)
     for kind, own in (("MechanismEnv", env), ("MechanismVectorEnv", rows)):
         state = own.save_state()
-        yield Door(f"{kind}.restore_state", own.restore_state, {"state": state})
+        yield Door(f"{kind}.restore_state", partial(_from_same_state, own, "restore_state"), {"state": state})
 
         def restore(own: Any = own, state: Any = state, **changed: Any) -> Any:
             return _from_same_state(own, "restore_state", state={**state, **changed})
@@ -390,7 +391,8 @@ def _of_resets(name: str) -> Iterator[Door]:
         yield Door(f"{kind}.reset", reset, options, ("inputs", "goal", "load"))
         yield Door(f"{kind}.reset", reset, {"equilibrium": here})
     mask = {"reset_mask": np.array([True, False])}
-    yield Door("MechanismVectorEnv.reset", lambda **options: rows.reset(seed=3, options=options), mask)
+    masked = partial(_from_same_state, rows, "reset")
+    yield Door("MechanismVectorEnv.reset", lambda **options: masked(seed=3, options=options), mask)
 
 
 def _of_registration() -> Iterator[Door]:
