@@ -81,10 +81,10 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self.single_observation_space, self.single_action_space = self._simulation.spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        is_endless = max_episode_steps is None or (isinstance(max_episode_steps, int) and max_episode_steps == -1)
-        self._max_episode_steps = (
-            np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
-        )
+        most = -1 if max_episode_steps is None else whole_number("max_episode_steps", max_episode_steps, least=-1)
+        if most == 0:
+            raise ValueError("max_episode_steps must be at least 1, or -1 for no limit, got 0")
+        self._max_episode_steps = np.inf if most == -1 else most
         self._pictures = Pictures(settings)
         sources = [seeding.np_random(None) for _ in range(num_envs)]
         self._generators = [generator for generator, _ in sources]

@@ -83,14 +83,15 @@ class SolverShield(gymnasium.Wrapper[Observation, Action, Observation, Action], 
     """
 
     def __init__(self, env: gymnasium.Env[Observation, Action], least_margin: float | None = None) -> None:
-        if not isinstance(instance_of("env", env, gymnasium.Env).unwrapped, MechanismEnv):
-            raise TypeError(f"env must be an environment of pcm_gym, got {env.unwrapped!r}")
-        self.least_margin = _margin(env.unwrapped.singular_margin, least_margin)
+        own = instance_of("env", env, gymnasium.Env).unwrapped
+        if not isinstance(own, MechanismEnv):
+            raise TypeError(f"env must be an environment of pcm_gym, got {own!r}")
+        self.least_margin = _margin(own.singular_margin, least_margin)
         RecordConstructorArgs.__init__(self, least_margin=self.least_margin)
         super().__init__(env)
         _refuse(env, gymnasium.ActionWrapper, "change actions")
-        self._mechanism_env = env.unwrapped
-        self._shield = Shield(env.unwrapped._simulation, self.least_margin)
+        self._mechanism_env = own
+        self._shield = Shield(own._simulation, self.least_margin)
 
     def step(self, action: Action) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
         """Step with the action, or with the safe one that replaces it."""

@@ -63,6 +63,11 @@ def number_not_negative(name: str, value: Any) -> float:
     return number
 
 
+def limit_not_negative(name: str, value: Any) -> float:
+    """Return `value` as a float, infinite where there is no limit; raise if it is no number that is at least zero."""
+    return math.inf if isinstance(value, float) and value == math.inf else number_not_negative(name, value)
+
+
 def whole_number(name: str, value: Any, least: int, most: int | None = _LARGEST) -> int:
     """Return `value` as an int; raise if it is no whole number, less than `least` or more than `most`, if that is not None."""
     if not isinstance(value, int | np.integer) or isinstance(value, _NO_NUMBERS):

@@ -20,6 +20,7 @@ from pcm_gym.mechanism.validation import (
     finite_array,
     finite_vector,
     instance_of,
+    limit_not_negative,
     number_not_negative,
     sequence_of,
     whole_array,
@@ -140,7 +141,7 @@ class Roadmap:
         """
         graph, sources = self._graph, self.checked_nodes("nodes", nodes)
         falls = None if falls is None else whole_array("falls", falls, ("m", 2), 0, len(self) - 1)
-        most = most if isinstance(most, float) and most == np.inf else number_not_negative("most", most)
+        most = limit_not_negative("most", most)
         if not len(self):
             return np.empty((0, 0)), np.empty((0, 0))
         if falls is not None and len(falls):

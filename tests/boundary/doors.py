@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 
 import pcm_gym
+from pcm_gym.environments import registration
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.kernels.statics.states import States
@@ -161,7 +162,7 @@ def _of_mechanisms() -> Iterator[Door]:
     own = mechanism("2RFR")
     leg = {"actuator": own.legs[0].actuator, "rod": own.legs[0].rod, "attachment": np.zeros(2)}
     yield Door("Leg", pcm_gym.Leg, leg, ("attachment",))
-    whole = {"name": "mine", "legs": own.legs, "home_inputs": np.array([1.0, 0.5]), "home_pose": pair}
+    whole: dict[str, Any] = {"name": "mine", "legs": own.legs, "home_inputs": np.array([1.0, 0.5]), "home_pose": pair}
     whole |= {"description": "two rods", "reference": pcm_gym.Rod()}
     yield Door("Mechanism", pcm_gym.Mechanism, whole, ("home_inputs", "home_pose"))
     for name, values in (("2RFR", pair), ("3PFR", np.array([0.25, 0.5, -0.5]))):
@@ -311,7 +312,7 @@ def _of_tasks(name: str) -> Iterator[Door]:
 
 def _of_environments(name: str) -> Iterator[Door]:
     env, rows, legs = single(name), batch(name), mechanism(name).leg_count
-    made = {
+    made: dict[str, Any] = {
         "mechanism": name,
         "render_mode": None,
         "render_ghosts": False,
@@ -406,6 +407,6 @@ def _of_registration() -> Iterator[Door]:
 
     registered = {"environment_id": "Test/Boundary-v0", "mechanism": "2RFR", "task": "Reach", "time_limit": 10}
     yield Door("register_environment", register, registered)
-    yield Door("register_environments", pcm_gym.register_environments)
+    yield Door("register_environments", registration.register_environments)
     yield Door("environment_ids", pcm_gym.environment_ids)
     yield Door("register_task", pcm_gym.register_task, {"task": Reach, "name": "Reach"})

@@ -53,7 +53,9 @@ def sample(count: int, seed: int = 0) -> list[Case]:
     """So many of them, at least one of each door and argument."""
     every = list(cases())
     random.Random(seed).shuffle(every)
-    seen, first, others = set(), [], []
+    seen: set[tuple[str, str]] = set()
+    first: list[Case] = []
+    others: list[Case] = []
     for case in every:
         key = (case.door.name, case.argument)
         (others if key in seen else first).append(case)

@@ -22,7 +22,16 @@ EXEMPT = {
     "AtlasError": "an exception",
 }
 # What the package hands out; made by hand, the kinds of the parts are checked.
-TOLD = ("Branch", "Certificate", "Crossing", "Element", "EquilibriumSet", "NearestFold", "Preview", "Snap")
+TOLD: tuple[str, ...] = (
+    "Branch",
+    "Certificate",
+    "Crossing",
+    "Element",
+    "EquilibriumSet",
+    "NearestFold",
+    "Preview",
+    "Snap",
+)
 TOLD += ("TrackedStep", "UndecidedRegion")
 
 

@@ -119,6 +119,7 @@ def test_mechanisms_as_text_are_read_or_refused() -> None:
         text.replace('"length": 1.0', '"length": NaN'),
     ]
     for key in json.loads(text):
+        value: Any
         for value in (None, 1, [], {}, "x", True):
             changed = json.loads(text) | {key: value}
             if key not in ("description", "home_pose", "home_inputs", "reference") or value not in (None, "x"):
