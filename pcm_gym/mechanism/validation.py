@@ -69,7 +69,7 @@ def limit_not_negative(name: str, value: Any) -> float:
 
 
 def whole_number(name: str, value: Any, least: int, most: int | None = _LARGEST) -> int:
-    """Return `value` as an int; raise if it is no whole number, less than `least` or more than `most`, if that is not None."""
+    """Return `value` as an int; raise if it is no whole number, less than `least` or, unless None, more than `most`."""
     if not isinstance(value, int | np.integer) or isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     if value < least:

@@ -60,7 +60,7 @@ def test_snapshot_that_fails_half_way_leaves_the_earlier_ones(run: RunFolder, er
         raise error
 
     kept = run.add_snapshot(500, write_all)
-    with pytest.raises(RunError, match="0000001000: the snapshot cannot be written: .*(space|pos)"):
+    with pytest.raises(RunError, match=r"0000001000: the snapshot cannot be written: .*(space|pos)"):
         run.add_snapshot(1_000, fail)
     assert run.snapshots() == [kept]
     assert run.add_snapshot(1_000, write_all) in run.snapshots()
