@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 Kind = TypeVar("Kind")
 Shape = tuple[int | str, ...]
 
-_LONGEST_SHOWN = 200
+_LONGEST_SHOWN, _FEW = 200, 8
 _LARGEST = 1 << 62  # and its negative: whole numbers that arrays can hold, and sums of two of them
 _NO_NUMBERS = bool | np.bool_ | np.timedelta64  # to Python these are numbers, too
 # Kinds of arrays that hold real numbers: integers, with or without sign, and floating-point ones.
@@ -212,6 +212,8 @@ def _is_number(value: Any) -> bool:
 
 def _as_array(value: Any) -> NDArray[Any] | None:
     """Return `value` as an array as NumPy sees it, uncopied where it is one; None if it is none, or a masked one."""
+    if type(value) is np.ndarray:
+        return value
     if isinstance(value, np.ma.MaskedArray):
         return None
     try:
@@ -243,7 +245,9 @@ def _finite(name: str, array: NDArray[Any]) -> NDArray[np.float64]:
         with np.errstate(all="ignore"):
             array = array.astype(np.float64)
     copy = np.array(array, dtype=np.float64, order="C")
-    if not np.isfinite(copy).all():
+    # an action takes less time one by one
+    is_finite = all(map(math.isfinite, copy.flat)) if copy.size < _FEW else np.isfinite(copy).all()
+    if not is_finite:
         raise ValueError(f"{name} must be finite, got {shown(copy.tolist())}")
     return copy
 
