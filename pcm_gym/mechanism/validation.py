@@ -248,7 +248,8 @@ def _finite(name: str, array: NDArray[Any]) -> NDArray[np.float64]:
     # an action takes less time one by one
     is_finite = all(map(math.isfinite, copy.flat)) if copy.size < _FEW else np.isfinite(copy).all()
     if not is_finite:
-        raise ValueError(f"{name} must be finite, got {shown(copy.tolist())}")
+        wrong = copy[~np.isfinite(copy).all(axis=-1)] if copy.ndim > 1 else copy
+        raise ValueError(f"{name} must be finite, got {shown(wrong.tolist())}")
     return copy
 
 
