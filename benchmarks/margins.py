@@ -126,7 +126,7 @@ def _on_walks(name: str, generator: Generator) -> Iterator[Equilibrium]:
             continue
         for row in range(_ROWS):
             inputs = mechanism.units.inputs_from_kernel(rows.states.inputs[row])
-            state = Equilibrium(mechanism, rows.states.x[row], inputs)
+            state = Equilibrium(mechanism, rows.states.x[row], inputs, np.zeros(mechanism.dof))
             if state.is_stable:
                 yield state
 

@@ -109,7 +109,7 @@ def print_endurance(console: Console, tallies: Sequence[Tally]) -> None:
     headings = (
         "steps",
         "episodes",
-        *(event.value.replace("_", " ") for event in _COUNTED),
+        *(str(event).replace("_", " ") for event in _COUNTED),
         "index > 0",
         "contradictions",
     )

@@ -25,6 +25,7 @@ from pcm_gym.mechanism import (
 )
 from pcm_gym.solving import (
     Atlas,
+    AtlasError,
     Branch,
     BranchTracker,
     Certificate,
@@ -74,6 +75,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Atlas",
+    "AtlasError",
     "Branch",
     "BranchTracker",
     "Certificate",

@@ -19,6 +19,7 @@ Public functions take and return N, m and rad. `Units` leads into the kernels, a
 """
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
+from pcm_gym.solving.atlas_file import AtlasError
 from pcm_gym.solving.budget import SearchBudgetError, search_budget
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
@@ -38,6 +39,7 @@ from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
 __all__ = [
     "Atlas",
+    "AtlasError",
     "Branch",
     "BranchTracker",
     "Certificate",

@@ -23,6 +23,7 @@ from pcm_gym.kernels.proofs.certification import (
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
 from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, instance_of, shown
 from pcm_gym.solving.equilibrium import Equilibrium
 
 # Halvings of the rod's table of cells, and loads rho_max beyond which there is one more of them.
@@ -53,8 +54,13 @@ class UndecidedRegion:
     rho: Array
     tip_angle: Array
 
+    def __post_init__(self) -> None:
+        check_kinds(self, reason=str, rho=np.ndarray, tip_angle=np.ndarray)
+
     def contains(self, equilibrium: Equilibrium) -> bool:
         """Return whether an equilibrium lies in the region, or as near to it as its rounding errors may be."""
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism.leg_count != 2:
+            raise ValueError(f"equilibrium must be one of two legs, got {shown(equilibrium)}")
         return self._contains_loads(_polar_loads(equilibrium.state[np.newaxis])[0])
 
     def _contains_loads(self, loads: Array) -> bool:
@@ -103,6 +109,9 @@ class Certificate:
     proved_count: int
     undecided: tuple[UndecidedRegion, ...]
     examined: int
+
+    def __post_init__(self) -> None:
+        check_kinds(self, rho_max=float, proved_count=int, undecided=tuple, examined=int)
 
     @property
     def is_proved(self) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.branches.curves import Problem, crossing_segments, point_beside
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE
+from pcm_gym.mechanism.validation import check_kinds, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.singular_curve import SingularCurve
 
@@ -38,6 +39,9 @@ class Crossing:
     equilibria: tuple[Equilibrium, Equilibrium]
     point: Array
 
+    def __post_init__(self) -> None:
+        check_kinds(self, curves=tuple, equilibria=tuple, point=np.ndarray)
+
 
 def find_crossings(curves: Sequence[SingularCurve]) -> tuple[Crossing, ...]:
     """Return all crossings of these curves with each other and with themselves.
@@ -55,6 +59,7 @@ def find_crossings(curves: Sequence[SingularCurve]) -> tuple[Crossing, ...]:
     ValueError
         If the curves do not belong together.
     """
+    curves = sequence_of("curves", curves, SingularCurve)
     if not curves:
         return ()
     first = curves[0]

@@ -18,7 +18,14 @@ from pcm_gym.kernels.enumeration.inverse_search import join, make_forest, plant_
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import one_of, positive_number
+from pcm_gym.mechanism.validation import (
+    instance_of,
+    positive_number,
+    sequence_of,
+    shown,
+    truth_value,
+    whole_number,
+)
 from pcm_gym.solving.budget import Spending
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -34,7 +41,7 @@ _STARTS_AT_ONCE, _JOINED_AT_ONCE = 4096, 256
 _CORRECTION_COST = 64
 _MOST_FOUND = 4096
 _LARGEST_RHO = 30.0
-_REFINEMENTS = (0, 1, 2)
+_MOST_REFINEMENT = 2
 
 
 def solve_forward(
@@ -87,8 +94,8 @@ def solve_forward(
     at 15, and 0.4 GB of memory beyond 16; near 30 it is given up after about 10 s. The first one in a process also
     tabulates the rod for this `rho_max`, 0.1 s to 2 s.
     """
-    inputs = mechanism.check_inputs(inputs)
-    if certify and mechanism.leg_count != 2:
+    inputs = instance_of("mechanism", mechanism, Mechanism).check_inputs(inputs)
+    if truth_value("certify", certify) and mechanism.leg_count != 2:
         raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
@@ -149,8 +156,8 @@ def solve_inverse(
     A few ms for two legs, about 0.1 s for a platform; up to a second where the tip is near a motor, about which the rod
     may then turn any way. A pose out of reach gives an empty set.
     """
-    pose = mechanism.check_pose(pose)
-    if certify:
+    pose = instance_of("mechanism", mechanism, Mechanism).check_pose(pose)
+    if truth_value("certify", certify):
         raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
@@ -198,7 +205,7 @@ class _Problem:
         rho_max = positive_number("rho_max", rho_max)
         if rho_max > _LARGEST_RHO:
             raise ValueError(f"rho_max must be at most {_LARGEST_RHO}, got {rho_max}")
-        one_of("refinement", refinement, _REFINEMENTS)
+        refinement = whole_number("refinement", refinement, least=0, most=_MOST_REFINEMENT)
         return cls(mechanism, mechanism.check_load(load), rho_max, _checked_modes(mechanism, modes), refinement)
 
     @property
@@ -238,12 +245,16 @@ class _Problem:
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
     if modes is None:
         return None
-    if len(modes) != mechanism.leg_count:
-        raise ValueError(f"modes must have one entry per rod, {mechanism.leg_count}, got {modes!r}")
-    sets = tuple(frozenset([entry] if isinstance(entry, int | np.integer) else entry) for entry in modes)
-    if any(mode < 1 for allowed in sets for mode in allowed):
-        raise ValueError(f"modes must be 1 or greater, got {modes!r}")
-    return sets
+    entries = sequence_of("modes", modes, object)
+    if len(entries) != mechanism.leg_count:
+        raise ValueError(f"modes must have one entry per rod, {mechanism.leg_count}, got {shown(modes)}")
+    return tuple(
+        frozenset(
+            whole_number("modes", mode, least=1)
+            for mode in (sequence_of("modes", entry, object) if np.iterable(entry) else [entry])
+        )
+        for entry in entries
+    )
 
 
 def _too_far_apart(mechanism: Mechanism, inputs: Array) -> str:

@@ -9,12 +9,14 @@ import numpy as np
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_vector
+from pcm_gym.mechanism.validation import finite_number, finite_vector, instance_of, whole_number
+
+_MOST_POINTS = 1_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RodState:
-    """One loaded rod in the paper's parameters (Altuzarra et al. 2019, Eqs. 13-23).
+    """One loaded rod in the paper's parameters (Altuzarra et al. 2019, Eqs. 13-23). It is a value.
 
     Attributes
     ----------
@@ -35,6 +37,24 @@ class RodState:
     mode: int
     rho: float
     force: Array
+
+    def __post_init__(self) -> None:
+        for name in ("modulus", "psi", "rho"):
+            object.__setattr__(self, name, finite_number(name, getattr(self, name)))
+        object.__setattr__(self, "mode", whole_number("mode", self.mode, least=1))
+        object.__setattr__(self, "force", _frozen(finite_vector("force", self.force, 2)))
+
+    @property
+    def _key(self) -> tuple[float, ...]:
+        return self.modulus, self.psi, self.mode, self.rho, *self.force.tolist()
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether `other` is a rod in the same state."""
+        return isinstance(other, RodState) and self._key == other._key
+
+    def __hash__(self) -> int:
+        """Return the hash of what makes rods equal."""
+        return hash(self._key)
 
 
 class _Facts(NamedTuple):
@@ -80,9 +100,7 @@ class Equilibrium:
     load: Array
 
     def __post_init__(self) -> None:
-        mechanism = self.mechanism
-        if not isinstance(mechanism, Mechanism):
-            raise TypeError(f"mechanism must be a Mechanism, got {mechanism!r}")
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         sizes = {"state": mechanism.state_size, "inputs": mechanism.leg_count, "load": mechanism.dof}
         self.__dict__.update(
             {name: _frozen(finite_vector(name, getattr(self, name), size)) for name, size in sizes.items()}
@@ -219,8 +237,7 @@ class Equilibrium:
         array (legs, points, 2)
             World coordinates in m, exact to rounding.
         """
-        if points < 2:
-            raise ValueError(f"points must be at least 2, got {points}")
+        points = whole_number("points", points, least=2, most=_MOST_POINTS)
         mechanism = self.mechanism
         shapes = np.empty((mechanism.leg_count, points, 2))
         state, inputs, _ = self.kernel_values()

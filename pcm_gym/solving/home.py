@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import instance_of
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -28,7 +29,7 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     ValueError
         If the mechanism has no stable equilibrium at its home inputs with every rho <= 13.
     """
-    inputs = mechanism.check_inputs(np.asarray(mechanism.home_inputs))
+    inputs = instance_of("mechanism", mechanism, Mechanism).check_inputs(np.asarray(mechanism.home_inputs))
     for rho_max in _RHO_MAX:
         stable = solve_forward(mechanism, inputs, load, rho_max).stable
         if stable:

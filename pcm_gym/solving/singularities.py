@@ -14,14 +14,24 @@ from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.branches import curves as tracing
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, fold_sides
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, limit_pair, positive_number
+from pcm_gym.mechanism.validation import (
+    finite_number,
+    instance_of,
+    limit_pair,
+    mapping,
+    positive_number,
+    sequence_of,
+    shown,
+    truth_value,
+    whole_number,
+)
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
 
 _TURN = 2.0 * math.pi
 # Cells of the grid along each coordinate, of inputs and of poses.
-_FORWARD_GRID, _INVERSE_GRID = 8, 16
+_FORWARD_GRID, _INVERSE_GRID, _MOST_GRID = 8, 16, 1000
 # Part of a cell by which a periodic grid is shifted, lest its nodes lie on the symmetries of symmetric mechanisms.
 _GRID_SHIFT = 0.382
 # On a line equilibria are followed up to this multiple of the largest load, beyond which they may turn and come back.
@@ -92,7 +102,9 @@ def forward_singularities(
     A few seconds for two legs. A platform takes as long as `solve_forward` takes on each node.
     """
     search = _Search.checked(mechanism, load, rho_max, is_forward=True, **window)
-    return search.run(index, progress)
+    if index is not None:
+        whole_number("index", index, least=0)
+    return search.run(index, truth_value("progress", progress))
 
 
 def inverse_singularities(
@@ -128,7 +140,7 @@ def inverse_singularities(
         If an argument has the wrong shape, is not finite or out of range.
     """
     search = _Search.checked(mechanism, load, rho_max, is_forward=False, **window)
-    return search.run(None, progress)
+    return search.run(None, truth_value("progress", progress))
 
 
 @dataclass(frozen=True)
@@ -166,22 +178,23 @@ class _Search:
         held: Mapping[int, float] | None = None,
         grid: int | None = None,
     ) -> "_Search":
+        instance_of("mechanism", mechanism, Mechanism)
         if grid is None:
             grid = _FORWARD_GRID if is_forward else _INVERSE_GRID
         units = mechanism.units
         scales = units.inputs if is_forward else units.pose
         values = {
             k: finite_number(f"held[{k}]", value) / scales[k]
-            for k, value in (held or {}).items()
-            if k in range(mechanism.leg_count)
+            for k, value in mapping("held", held).items()
+            if not isinstance(k, bool) and k in range(mechanism.leg_count)
         }
         plane = tuple(k for k in range(mechanism.leg_count) if k not in values)
         if len(plane) != 2 or len(values) != len(held or {}):
             raise ValueError(
-                f"held must leave two of {mechanism.leg_count} free, by numbers below {mechanism.leg_count}, got {held}"
+                f"held must leave two of {mechanism.leg_count} free, by numbers below {mechanism.leg_count}, got "
+                f"{shown(held)}"
             )
-        if int(grid) != grid or grid < 1:
-            raise ValueError(f"grid must be an integer of at least 1, got {grid}")
+        grid = whole_number("grid", grid, least=1, most=_MOST_GRID)
         box = _input_box(mechanism, bounds)
         window = box if is_forward else _pose_window(mechanism, box)
         return cls(
@@ -193,7 +206,7 @@ class _Search:
             window,
             values,
             (plane[0], plane[1]),
-            (_grid_values(window[plane[0]], int(grid)), _grid_values(window[plane[1]], int(grid))),
+            (_grid_values(window[plane[0]], grid), _grid_values(window[plane[1]], grid)),
         )
 
     def run(self, index: int | None, progress: bool) -> tuple[SingularCurve, ...]:
@@ -331,9 +344,11 @@ class _Search:
 
 def _input_box(mechanism: Mechanism, bounds: Sequence[tuple[float, float]] | None) -> Array:
     """Return dimensionless lower and upper bound and period of each input; a full turn has a period and no bounds."""
-    limits = [leg.actuator.limits for leg in mechanism.legs] if bounds is None else list(bounds)
+    limits = (
+        [leg.actuator.limits for leg in mechanism.legs] if bounds is None else sequence_of("bounds", bounds, object)
+    )
     if len(limits) != mechanism.leg_count:
-        raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {bounds!r}")
+        raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {shown(bounds)}")
     box = np.zeros((mechanism.leg_count, 3))
     for row, leg, limit, unit in zip(box, mechanism.legs, limits, mechanism.units.inputs, strict=True):
         (lower, upper), period = limit_pair("bounds", limit), leg.actuator.period

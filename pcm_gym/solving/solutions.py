@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, finite_array, instance_of, sequence_of, whole_array
 from pcm_gym.solving.certification import Certificate
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -28,6 +29,10 @@ class EquilibriumSet(Sequence[Equilibrium]):
     equilibria: tuple[Equilibrium, ...]
     reason: str = ""
     certificate: Certificate | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "equilibria", sequence_of("equilibria", self.equilibria, Equilibrium))
+        check_kinds(self, reason=str, certificate=Certificate | None)
 
     @property
     def stable(self) -> tuple[Equilibrium, ...]:
@@ -81,6 +86,18 @@ class StableStates(Sequence[Equilibrium]):
     states: NDArray[np.float64]
     inputs: NDArray[np.float64]
     branches: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        states = finite_array("states", self.states, ("n", mechanism.state_size))
+        count = len(states)
+        checked = {
+            "load": mechanism.check_load(self.load),
+            "states": states,
+            "inputs": finite_array("inputs", self.inputs, (count, mechanism.leg_count)),
+            "branches": whole_array("branches", self.branches, (count,), -1, (1 << 31) - 1).astype(np.int32),
+        }
+        self.__dict__.update(checked)
 
     @property
     def poses(self) -> NDArray[np.float64]:

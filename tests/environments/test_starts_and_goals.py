@@ -72,7 +72,7 @@ def test_detours_are_needed_and_free_of_cost(name: str) -> None:
         env.reset(seed=seed)
         start = env.equilibrium
         straight = pcm_gym.BranchTracker(env.mechanism, start).step(env.witness.inputs)
-        assert straight.event in ("fold", "index_change")
+        assert straight.event in (pcm_gym.Event.FOLD, pcm_gym.Event.INDEX_CHANGE)
         goals = [goal for first, goal in pairs if np.array_equal(roadmap.states[first], start.state)]
         goal = next(
             goal

@@ -289,7 +289,11 @@ def begin_trace(legs: Array, y: Array, sign: float, problem: Problem, tangent: A
     if not _start(legs, y, sign, curve):
         return False
     tangent[:] = curve.tracer.tangent
-    stage[0], stage[1], stage[2] = _RULES.first_arc, singularity(legs, y[: y.shape[0] - legs.shape[0]], problem.kind, curve.work), 1.0
+    stage[0], stage[1], stage[2] = (
+        _RULES.first_arc,
+        singularity(legs, y[: y.shape[0] - legs.shape[0]], problem.kind, curve.work),
+        1.0,
+    )
     return True
 
 

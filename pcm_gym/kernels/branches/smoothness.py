@@ -34,8 +34,8 @@ _LARGEST_SPREAD = 0.1
 _CLEARANCE = 1.0
 # Part of a step over which the rate of the determinant is differenced.
 _DIFFERENCE = 1e-3
-# For lanes: half the largest gain and loss of a squared eigenvalue over a step, relative to its end; largest error of the
-# sum of the compliances.
+# For lanes: half the largest gain and loss of a squared eigenvalue over a step, relative to its end; largest error of
+# the sum of the compliances.
 _MOST_GAINED, _MOST_LOST = 0.35, 1.0
 _LARGEST_SURPRISE = 0.3
 # Points at which the cubic is looked at, beside the ends.

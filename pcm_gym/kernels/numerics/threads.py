@@ -19,6 +19,8 @@ PIECE = 128
 LEAST_ROWS = 256
 # Rows that one thread alone takes at a time: few enough for an interruption to be noticed soon.
 LARGEST_PIECE = 1 << 12
+# More threads than these are a mistake.
+MOST_THREADS = 256
 
 
 def default_thread_count() -> int:

@@ -155,7 +155,7 @@ def test_bend_of_a_rod_is_that_of_differences_where_its_path_does_not_matter(kin
 def test_margin_in_lanes_is_the_scalar_one(name: str, is_loaded: bool) -> None:
     """On random walks that run into limits and folds: one condenses the rods, the other moves them one by one."""
     count, generator = 200, np.random.default_rng(2)
-    settings = Settings.from_arguments(name, load=LOADS[name] if is_loaded else None)
+    settings = Settings.from_arguments(name, {"load": LOADS[name] if is_loaded else None})
     simulation, legs = Simulation(settings, count), np.array(settings.mechanism.leg_table)
     generators = [np.random.default_rng(row) for row in range(count)]
     simulation.reset_rows(np.arange(count), generators, None)
