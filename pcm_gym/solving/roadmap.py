@@ -220,9 +220,8 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
     numbers, units = np.random.default_rng(0), roadmap.mechanism.units
     starts, columns = np.nonzero(roadmap.ways < 0)
     labels = roadmap.components[starts]
-    chosen = np.concatenate(
-        [numbers.permutation(np.flatnonzero(labels == label))[:most] for label in range(labels.max(initial=-1) + 1)]
-    )
+    borders = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+    chosen = np.concatenate([starts[:0], *(numbers.permutation(own)[:most] for own in borders)])
     starts, axes, sides = starts[chosen], columns[chosen] // 2, 2.0 * (columns[chosen] % 2) - 1.0
     found = []
     for distance in range(1, _FALL_STEPS + 1):

@@ -48,7 +48,7 @@ from pcm_gym.kernels.statics.formulas import Pair, applied, force_unit, moment, 
 # Largest distance that is told, in rad or lengths.
 FARTHEST = 10.0
 # Change of a rod's load, in EI / L^2, within which the square of an eigenvalue need not stay linear.
-LOAD_CHANGE = 4.4
+LOAD_CHANGE = 3.6
 # Stiffness, in EI / L^3, that does not vanish within a short way.
 STIFF = 500.0
 # Keeps the ratio of two vanishing numbers finite.
