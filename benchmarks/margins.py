@@ -117,6 +117,7 @@ def _on_walks(name: str, generator: Generator) -> Iterator[Equilibrium]:
     )
     env.reset(seed=int(generator.integers(2**31)))
     mechanism, rows = pcm_gym.get_mechanism(name), env.unwrapped._simulation.rows
+    load = np.zeros(mechanism.dof)
     actions = np.zeros(env.action_space.shape, np.float32)
     for step in itertools.count():
         turning: Mask = (generator.random(_ROWS) < _TURNS) | (step == 0)
@@ -126,7 +127,7 @@ def _on_walks(name: str, generator: Generator) -> Iterator[Equilibrium]:
             continue
         for row in range(_ROWS):
             inputs = mechanism.units.inputs_from_kernel(rows.states.inputs[row])
-            state = Equilibrium(mechanism, rows.states.x[row], inputs, np.zeros(mechanism.dof))
+            state = Equilibrium(mechanism, rows.states.x[row], inputs, load)
             if state.is_stable:
                 yield state
 

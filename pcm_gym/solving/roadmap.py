@@ -262,9 +262,8 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
         return np.empty((0, 2), dtype=np.int64)
     starts, columns = np.nonzero(roadmap.ways < 0)
     labels = roadmap.components[starts]
-    chosen = np.concatenate(
-        [numbers.permutation(np.flatnonzero(labels == label))[:most] for label in range(labels.max(initial=-1) + 1)]
-    )
+    borders = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+    chosen = np.concatenate([starts[:0], *(numbers.permutation(own)[:most] for own in borders)])
     starts, axes, sides = starts[chosen], columns[chosen] // 2, 2.0 * (columns[chosen] % 2) - 1.0
     found = []
     for distance in range(1, _FALL_STEPS + 1):

@@ -367,7 +367,7 @@ def _scenarios() -> dict[str, Scenario]:
         for kind in NAMED[:2]:
             scenarios[f"falls-unstable-{family}-{kind}"] = partial(falls_from_unstable, family, kind)
             scenarios[f"nearest-{family}-{kind}"] = partial(nearest_folds, family, kind)
-        scenarios[f"roadmap-{family}"] = partial(roadmap, family, 0.05)
+        scenarios[f"roadmap-{family}"] = partial(roadmap, family, 0.05 if family == "2RFR" else 0.02)
     scenarios["branch-fork"] = branch_of_fork
     for family in FAMILIES[:2]:
         scenarios[f"certificates-{family}"] = partial(certificates, family)

@@ -138,9 +138,11 @@ class TestMargin:
                 assert step.event is Event.NONE
                 errors.append(1.0 - step.equilibrium.singularity_margin / distance)
             compared += 1
-            # the error goes with the fourth root of the distance: a third for a hundredth
-            assert abs(errors[1]) < 0.5 * abs(errors[0]) + 1e-3
-            assert abs(errors[2]) < 0.1
+            # at last the error goes with the fourth root of the distance, a third for a hundredth, and is never unsafe;
+            # farther away the extrapolation's own error, which goes with the square root, may be of the other sign
+            assert errors[0] > -0.1
+            assert 0.0 < errors[2] < 0.5 * errors[1]
+            assert errors[2] < 0.1
         assert compared > 2
 
     @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])

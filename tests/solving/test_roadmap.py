@@ -121,6 +121,7 @@ def test_a_seed_without_the_margin_has_no_node() -> None:
     home = pcm_gym.home_equilibrium(mechanism)
     empty = pcm_gym.build_roadmap(mechanism, [home], least_margin=9.0)
     assert (len(empty), empty.seeds) == (0, (-1,))
+    assert pcm_gym.find_falls(empty).shape == (0, 2)
 
 
 def test_bad_arguments_are_named() -> None:

@@ -48,7 +48,7 @@ from pcm_gym.kernels.statics.formulas import Pair, applied, force_unit, moment, 
 # Largest distance that is told, in rad or lengths.
 FARTHEST = 10.0
 # Change of a rod's load, in EI / L^2, within which the square of an eigenvalue need not stay linear.
-LOAD_CHANGE = 4.4
+LOAD_CHANGE = 3.6
 # Stiffness, in EI / L^3, that does not vanish within a short way.
 STIFF = 500.0
 # Keeps the ratio of two vanishing numbers finite.
@@ -102,15 +102,15 @@ def fold_distance(stiffness: float, compliance: float, slope: float) -> float:
 
     `slope` is stiffness compliance |grad k| of them: of the eigenvalue if the compliance is 1, otherwise c^3 |grad k|.
     """
-    ratio = stiffness / STIFF
+    ratio = stiffness * (1.0 / STIFF)  # a product takes less time than a ratio
     distance = 0.5 * stiffness * stiffness * (compliance * compliance + ratio * ratio)
-    return distance / max(slope, distance / FARTHEST, _LEAST_SLOPE)
+    return distance / max(slope, distance * (1.0 / FARTHEST), _LEAST_SLOPE)
 
 
 @formula
 def on_safe_side(distance: float, squared_rate: float) -> float:
     """Return the margin from this distance, and the squared rate by the inputs of the load that changes fastest."""
-    reach = distance * math.sqrt(squared_rate) / LOAD_CHANGE
+    reach = distance * math.sqrt(squared_rate) * (1.0 / LOAD_CHANGE)
     root = 1.0 + math.sqrt(reach if distance > 0.0 else 0.0)  # the rate has a pole at a fold
     return distance / (root * root)
 
