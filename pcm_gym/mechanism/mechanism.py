@@ -13,6 +13,9 @@ from pcm_gym.kernels.statics import closure
 from pcm_gym.mechanism.leg import Leg, Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector
 
+# Largest coordinate of a base in lengths of the shortest rod: there a length is known to about 1e-7 of it.
+_FARTHEST_BASE = 1e9
+
 
 @dataclass(frozen=True)
 class Units:
@@ -119,6 +122,13 @@ class Mechanism:
             raise ValueError(f"the attachments of a platform must not all coincide, got {legs[0].attachment}")
         if self.reference is not None and not isinstance(self.reference, Rod):
             raise TypeError(f"reference must be a Rod, got {self.reference!r}")
+        limit = _FARTHEST_BASE * min(leg.rod.length for leg in legs)
+        for leg in legs:
+            if max(map(abs, leg.actuator.base)) > limit:
+                raise ValueError(
+                    f"base must be within {limit:g} of the origin, {_FARTHEST_BASE:g} lengths of the shortest rod: "
+                    f"double precision does not resolve the rod further away; got {leg.actuator.base}"
+                )
         self._check_home()
 
     def _check_home(self) -> None:

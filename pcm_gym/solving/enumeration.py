@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from itertools import combinations
 from operator import contains
 from typing import Any
@@ -14,21 +14,24 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.enumeration.found import Found, make_found
+from pcm_gym.kernels.enumeration.found import Found, correct_all, make_found, principal_angle
 from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish_combinations
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
-from pcm_gym.solving.solutions import EquilibriumSet
+from pcm_gym.solving.families import Continuum, System, corrected_states, part_continua
+from pcm_gym.solving.search_frame import SearchFrame, beside_motors, search_frame
+from pcm_gym.solving.solutions import EquilibriumSet, Family
 
 Modes = Sequence[int | Collection[int]]
 
 # Halvings of the rod's table for the inverse problem.
 _LEVELS = 6
 _CAPACITIES = (1 << 15, 1 << 18, 1 << 21)
-_MOST_FOUND = 4096
+# Room for equilibria: what is needed as a rule, and for the largest sets.
+_ROOMS = (1 << 12, 1 << 15)
 _LARGEST_RHO = 30.0
 _REFINEMENTS = (0, 1, 2)
 
@@ -67,12 +70,14 @@ def solve_forward(
     Returns
     -------
     EquilibriumSet
-        A sequence of `Equilibrium`; an empty one says why in its `reason`.
+        A sequence of `Equilibrium`, the isolated ones; an empty one says why in its `reason`. Those that are not
+        isolated belong to its `families`.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
+        If an argument has the wrong shape, is not finite or out of range, a proof is asked for more than two legs, or
+        there is more to examine, or to return, than the search has room for: no set is cut.
 
     Notes
     -----
@@ -85,17 +90,18 @@ def solve_forward(
     if certify and mechanism.leg_count != 2:
         raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
+    searched, legs, scaled_load = problem.searched, problem.searched.leg_table, problem.scaled_load
+    scaled = searched.units.kernel_from_inputs(inputs)
     sheets = _sheets(problem.rho_max, problem.refinement)
-    find = partial(find_starts, legs, scaled, problem.scaled_load, sheets)
-    (starts,) = problem.filled(find, (mechanism.state_size, np.float64))
-    found = problem.room(is_inverse=False)
-    count = polish_starts(legs, scaled, problem.scaled_load, starts, found)
-    states, certificate = found.x[:count], None
+    find = partial(find_starts, legs, scaled, scaled_load, sheets)
+    (starts,) = problem.filled(find, (searched.state_size, np.float64))
+    found = problem.polished(partial(polish_starts, legs, scaled, scaled_load, starts), is_inverse=False)
+    found, families = problem.parted(found)
+    states, certificate = found.x, None
     if certify:
-        states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
-    obstacle = _too_far_apart(mechanism, inputs)
-    return problem.solutions(states, np.tile(inputs, (len(states), 1)), obstacle, certificate)
+        states, certificate = certify_forward(searched, scaled, scaled_load, problem.rho_max, states)
+    reason = _too_far_apart(mechanism, inputs) if not len(states) else ""
+    return problem.solutions(states, np.tile(inputs, (len(states), 1)), families, reason, certificate)
 
 
 def solve_inverse(
@@ -123,13 +129,16 @@ def solve_inverse(
     Returns
     -------
     EquilibriumSet
-        A sequence of `Equilibrium`; an empty one says why in its `reason`. Angles of revolute actuators are in
-        (-pi, pi]. Inputs may be beyond the actuators' limits: `Equilibrium.within_limits` tells.
+        A sequence of `Equilibrium`, the isolated ones; an empty one says why in its `reason`. Those that are not
+        isolated belong to its `families`. Angles of revolute actuators are in (-pi, pi]. Inputs may be beyond the
+        actuators' limits: `Equilibrium.within_limits` tells, and `Equilibrium.inputs_within_limits` has the full turns
+        added that bring them there.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range.
+        If an argument has the wrong shape, is not finite or out of range, or there is more to examine, or to return,
+        than the search has room for: no set is cut.
 
     Notes
     -----
@@ -140,14 +149,21 @@ def solve_inverse(
     if certify:
         raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
+    searched, legs, scaled_load = problem.searched, problem.searched.leg_table, problem.scaled_load
+    scaled = problem.frame.scaled_pose(pose)
+    beside = beside_motors(legs, scaled)
     unit = _unit_rod(problem.rho_max, problem.refinement)
-    find = partial(find_combinations, legs, scaled, problem.scaled_load, unit)
+    find = partial(find_combinations, legs, beside, scaled_load, unit)
     cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
-    found = problem.room(is_inverse=True)
-    count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
-    own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
-    return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
+    polish = partial(polish_combinations, legs, beside, scaled_load, unit, cells, starts)
+    found = problem.polished(polish, is_inverse=True)
+    if beside is not scaled:
+        states, own_inputs = problem.moved(found, scaled)
+        found = problem.polished(partial(correct_all, legs, states, own_inputs, scaled_load), is_inverse=True)
+    found, families = problem.parted(found)
+    own_inputs = searched.units.inputs_from_kernel(found.inputs)
+    reason = _out_of_reach(mechanism, pose) if not len(own_inputs) else ""
+    return problem.solutions(found.x, own_inputs, families, reason)
 
 
 @lru_cache(maxsize=8)
@@ -180,9 +196,17 @@ class _Problem:
         one_of("refinement", refinement, _REFINEMENTS)
         return cls(mechanism, mechanism.check_load(load), rho_max, _checked_modes(mechanism, modes), refinement)
 
+    @cached_property
+    def frame(self) -> SearchFrame:
+        return search_frame(self.mechanism)
+
+    @property
+    def searched(self) -> Mechanism:
+        return self.frame.searched
+
     @property
     def scaled_load(self) -> Array:
-        return self.mechanism.units.kernel_from_load(self.load)
+        return self.searched.units.kernel_from_load(self.load)
 
     def filled(self, find: Callable[..., int], *columns: tuple[int, type]) -> list[NDArray[Any]]:
         """Return arrays with these numbers and types of columns, with as many rows as `find` fills of them.
@@ -199,24 +223,76 @@ class _Problem:
                 return [array[:count] for array in arrays]
         raise ValueError(f"rho_max must be smaller for this mechanism: {self.rho_max} leaves too much to examine")
 
-    def room(self, *, is_inverse: bool) -> Found:
-        """Return arrays for the equilibria to be found."""
-        mechanism = self.mechanism
-        return make_found(_MOST_FOUND, mechanism.leg_count, mechanism.state_size, self.rho_max, is_inverse)
+    def polished(self, polish: Callable[[Found], int], *, is_inverse: bool) -> Found:
+        """Return all that `polish` finds.
+
+        Raises
+        ------
+        ValueError
+            If there is no room for so many.
+        """
+        for capacity in _ROOMS:
+            found = make_found(capacity, self.mechanism.leg_count, self.mechanism.state_size, self.rho_max, is_inverse)
+            count = polish(found)
+            if count < capacity:
+                return found.chosen(count)
+        raise ValueError(
+            f"rho_max must be smaller for this mechanism: {self.rho_max} leaves more than {count - 1} equilibria"
+        )
+
+    def system(self, *, is_inverse: bool) -> System:
+        """Return the equations of the problem."""
+        return System(self.searched.leg_table, self.scaled_load, self.rho_max, is_inverse)
+
+    def moved(self, found: Found, pose: Array) -> tuple[Array, Array]:
+        """Return states and inputs, (m, size) and (m, legs), found at a pose near by, corrected to this one."""
+        found.x[:, 2 * self.mechanism.leg_count :] = pose
+        points = corrected_states(self.system(is_inverse=True), found)
+        return points[:, : found.x.shape[1]].copy(), points[:, found.x.shape[1] :].copy()
+
+    def parted(self, found: Found) -> tuple[Found, tuple[Family, ...]]:
+        """Return the isolated ones of what was found, and the families on which the others lie."""
+        is_isolated, continua = part_continua(self.system(is_inverse=found.is_inverse), found)
+        if not continua and is_isolated.all():
+            return found, ()
+        return found.chosen(is_isolated), tuple(self._family(continuum, found.is_inverse) for continuum in continua)
+
+    def _family(self, continuum: Continuum, is_inverse: bool) -> Family:
+        x, inputs = np.split(continuum.representative, [-self.mechanism.leg_count])
+        for leg, described in enumerate(self.mechanism.legs):
+            if described.actuator.is_angle and is_inverse:
+                inputs[leg] = principal_angle(inputs[leg])
+        if self.mechanism.dof == 3 and not is_inverse:
+            x[-1] = principal_angle(x[-1])
+        own_inputs = self.searched.units.inputs_from_kernel(inputs)
+        representative = Equilibrium.unchecked(self.mechanism, self.frame.states(x), own_inputs, self.load)
+        return Family(continuum.kind, representative, self.frame.directions(continuum.directions))
 
     def solutions(
-        self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None
+        self,
+        searched: Array,
+        inputs: Array,
+        families: tuple[Family, ...],
+        obstacle: str,
+        certificate: Certificate | None = None,
     ) -> EquilibriumSet:
         """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
+        states = self.frame.states(searched)
         equilibria = [
             Equilibrium.unchecked(self.mechanism, state, own, self.load)
             for state, own in zip(states, inputs, strict=True)
         ]
-        reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
+        reason = "" if equilibria else self._reason(families, obstacle)
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
-        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason, certificate)
+        ordered = tuple(sorted(equilibria, key=lambda found: found.energy))
+        return EquilibriumSet(ordered, reason, certificate, families)
+
+    def _reason(self, families: tuple[Family, ...], obstacle: str) -> str:
+        if families:
+            return "none is isolated: " + "; ".join(map(repr, families))
+        return obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
 
 
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
@@ -248,6 +324,4 @@ def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
         distance = leg.actuator.distance(hinge)
         if distance > leg.rod.length:
             return f"the hinge of leg {i} is {distance:g} from its actuator and the rod is {leg.rod.length:g} long"
-        if distance == 0.0 and leg.actuator.is_angle:
-            return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
     return ""
