@@ -95,7 +95,10 @@ def solve_forward(
     sheets = _sheets(problem.rho_max, problem.refinement)
     find = partial(find_starts, legs, scaled, scaled_load, sheets)
     (starts,) = problem.filled(find, (searched.state_size, np.float64))
-    found = problem.polished(partial(polish_starts, legs, scaled, scaled_load, starts), is_inverse=False)
+    found = problem.polished(
+        lambda room: polish_starts(legs, scaled, scaled_load, starts.copy(), room),  # they are corrected in place
+        is_inverse=False,
+    )
     found, families = problem.parted(found)
     states, certificate = found.x, None
     if certify:

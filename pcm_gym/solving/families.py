@@ -6,7 +6,6 @@ family they can be.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,7 +27,7 @@ _PROBE, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.2, 1e-4
 # What the direction of a curve may turn in one step, rad.
 _LARGEST_TURN = 0.2
 # Corrections: how many, and the scaled residual of a solution.
-_CORRECTIONS, _SOLVED = 12, 1e-12
+_CORRECTIONS, _SOLVED = 12, 1e-13
 # States nearer than the first are one; nearer than the second if the equations hold, to rounding, all the way between.
 _SAME, _BLURRED = 1e-6, 0.1
 # A rod is straight if its sideways load moves its tip by less than this.
@@ -231,7 +230,7 @@ def _stress_through(system: System, point: Array) -> Continuum | None:
     unknown = np.zeros((len(stresses), len(here.units)))
     unknown[:, along] = stresses * here.units[along]
     directions = np.linalg.qr(system.change(unknown).T)[0].T
-    probes = [straight + sign * _PROBE * row for row in directions for sign in (1.0, -1.0)]
+    probes = [straight + sign * system.rho_max**2 * row for row in directions for sign in (0.5, -0.5)]
     if any(system.at(probe).error > _SOLVED for probe in probes):
         return None
     least = straight - straight @ directions.T @ directions
@@ -247,9 +246,11 @@ def _continuum_through(system: System, point: Array) -> Continuum | None:
     if not probes or any(_stepped(system, point, here.units, kernel, probe) is None for probe in probes):
         return None
     points = [point]
-    if len(kernel) == 1:
-        for sign in (1.0, -1.0):
-            points += _followed(system, point, sign * kernel[0])
+    for sign in (1.0, -1.0) if len(kernel) == 1 else ():
+        followed = _followed(system, point, sign * kernel[0])
+        if followed is None:
+            return None
+        points += followed
     inside = [each for each in points if system.largest_rho(each) <= system.rho_max]
     representative = min(inside, key=system.largest_rho)
     there = system.at(representative)
@@ -268,9 +269,10 @@ def _stepped(system: System, point: Array, units: Array, held: Array, step: Arra
     return None if reached is None or not len(system.at(reached).kernel) else reached
 
 
-def _followed(system: System, start: Array, direction: Array) -> Iterator[Array]:
-    """Yield points along a curve until a rod's load is too large, it closes, or it cannot be followed."""
+def _followed(system: System, start: Array, direction: Array) -> list[Array] | None:
+    """Return points along a curve until a rod's load is too large or it closes; None if it ends before."""
     point, units, step, gone = start, system.at(start).units, _PROBE, 0.0
+    points: list[Array] = []
     while step > _SHORTEST_STEP:
         reached = _stepped(system, point, units, direction[np.newaxis], step * direction)
         there = None if reached is None else system.at(reached)
@@ -278,14 +280,15 @@ def _followed(system: System, start: Array, direction: Array) -> Iterator[Array]
         if reached is None or there is None or turned is None:
             step *= 0.5
             continue
-        yield reached
+        points.append(reached)
         gone += step
         point, units, direction = reached, there.units, turned
         way = system.unknown(point, start) / units
         is_closed = gone > 2.0 * _LONGEST_STEP and np.linalg.norm(way) < step and way @ direction > 0.0
         if is_closed or system.largest_rho(point) > system.rho_max:
-            return
+            return points
         step = min(1.5 * step, _LONGEST_STEP)
+    return None
 
 
 def _carried(kernel: Array, direction: Array) -> Array | None:
@@ -298,7 +301,7 @@ def _carried(kernel: Array, direction: Array) -> Array | None:
 def _nearest(system: System, points: Array, target: Array) -> Array:
     """Return about the point of a family that is nearest to a target, from the nearest of some of its points."""
     units = system.at(target).units
-    nearest = min(points, key=lambda each: float(np.linalg.norm(system.unknown(each, target) / units)))
+    nearest: Array = min(points, key=lambda each: float(np.linalg.norm(system.unknown(each, target) / units)))
     left = math.inf
     while True:
         here = system.at(nearest)

@@ -136,24 +136,19 @@ def _kind(legs: Array, x: Array, inputs: Array, is_inverse: bool, work: Workspac
 @kernel
 def _gap(legs: Array, x: Array, inputs: Array, n: int, found: Found) -> float:
     """Return how far a state is from the one found as number `n`; angles are compared across their seam."""
-    gap, last = 0.0, x.shape[0] - 1
+    gap, turn, last = 0.0, 0.0, x.shape[0] - 1
+    if last == 2 * legs.shape[0] + 2:
+        turn = 2.0 * math.pi * round((found.x[n, last] - x[last]) / (2.0 * math.pi))
+        x[last] += turn
     for j in range(x.shape[0]):
-        difference = found.x[n, j] - x[j]
-        if j == last and last == 2 * legs.shape[0] + 2:
-            difference = _within_half_turn(difference)
-        gap = max(gap, abs(difference) / (1.0 + abs(found.x[n, j])))
+        gap = max(gap, abs(found.x[n, j] - x[j]) / (1.0 + abs(found.x[n, j])))
+    x[last] -= turn
     for leg in range(inputs.shape[0]):
         difference = found.inputs[n, leg] - inputs[leg]
         if legs[leg, TURN] != 0.0:
-            difference = _within_half_turn(difference)
+            difference -= 2.0 * math.pi * round(difference / (2.0 * math.pi))
         gap = max(gap, abs(difference) / (1.0 + abs(found.inputs[n, leg])))
     return gap
-
-
-@kernel
-def _within_half_turn(angle: float) -> float:
-    """Return the angle in [-pi, pi]."""
-    return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
 
 
 @kernel
