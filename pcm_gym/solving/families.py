@@ -28,6 +28,8 @@ _PROBE, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.2, 1e-4
 _LARGEST_TURN = 0.2
 # Corrections: how many, and the scaled residual of a solution.
 _CORRECTIONS, _SOLVED = 12, 1e-13
+# Two solutions at a fold are one if between them the residual is rounding alone.
+_INDISTINCT = 1e-14
 # States nearer than the first are one; nearer than the second if the equations hold, to rounding, all the way between.
 _SAME, _BLURRED = 1e-6, 0.1
 # A rod is straight if its sideways load moves its tip by less than this.
@@ -84,10 +86,10 @@ class System:
         loads = point[: 2 * self.leg_count]
         return math.sqrt(float(np.hypot(loads[0::2], loads[1::2]).max()))
 
-    def holds_between(self, first: Array, second: Array) -> bool:
+    def holds_between(self, first: Array, second: Array, error: float = _SOLVED) -> bool:
         """Return whether all points on the straight way between two are solutions, to rounding."""
         way = self.change(self.unknown(first, second))
-        return all(self.at(first + part * way).error < _SOLVED for part in (0.25, 0.5, 0.75))
+        return all(self.at(first + part * way).error < error for part in (0.25, 0.5, 0.75))
 
     def corrected(self, point: Array, units: Array, held: Array) -> Array | None:
         """Return the solution near a point, in these units across the directions held (k, size); None without one."""
@@ -185,14 +187,14 @@ def part_continua(system: System, found: Found) -> tuple[Mask, list[Continuum]]:
         continuum = _stress_through(system, point) or _continuum_through(system, point)
         if continuum is not None:
             continua.append(continuum)
-        elif not any(_are_one(system, other, point) for other in alone):
+        elif not any(system.holds_between(other, point, _INDISTINCT) for other in alone):
             is_isolated[n] = True
             alone.append(point)
     return is_isolated, continua
 
 
 def _are_one(system: System, first: Array, second: Array) -> bool:
-    """Return whether rounding may have made two of one solution."""
+    """Return whether rounding may have made two of one solution that lies on a family."""
     distance = np.abs(system.unknown(first, second) / system.at(first).units).max()
     return bool(distance < _SAME or (distance < _BLURRED and system.holds_between(first, second)))
 

@@ -31,7 +31,7 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
         If the mechanism has no stable equilibrium at its home inputs with every rho <= 13, or a family comes first.
     """
     inputs = mechanism.check_inputs(np.asarray(mechanism.home_inputs))
-    place = f"mechanism {mechanism.name!r}, at home_inputs {mechanism.home_inputs},"
+    name, place = f"mechanism {mechanism.name!r}", f"at home_inputs {mechanism.home_inputs}"
     for rho_max in _RHO_MAX:
         found = solve_forward(mechanism, inputs, load, rho_max)
         if found.stable:
@@ -39,11 +39,11 @@ def home_equilibrium(mechanism: Mechanism, load: ArrayLike | None = None) -> Equ
     families = {family.representative: family for family in found.families}
     if not (found.stable or families):
         raise ValueError(
-            f"{place} has no stable equilibrium with every rho <= {rho_max:g}; none was sought beyond that"
+            f"{name} has no stable equilibrium with every rho <= {rho_max:g} {place}; larger loads were not searched"
         )
     home = _first([*found.stable, *families], mechanism)
     if home in families:
-        raise ValueError(f"{place} lies on a family of equilibria, which is no home: {families[home]!r}")
+        raise ValueError(f"{name} lies {place} on a family of equilibria, which is no home: {families[home]!r}")
     return home
 
 

@@ -413,7 +413,9 @@ class TestLimits:
 class TestHomes:
     def test_on_a_family_are_refused(self) -> None:
         mechanism = Design(0.7, 0.3, 0.0).mechanism()
-        with pytest.raises(ValueError, match=r"lies on a family of equilibria, which is no home: Family\(self-stress"):
+        with pytest.raises(
+            ValueError, match=r"lies at home_inputs .* on a family of equilibria, which is no home: Family\(self"
+        ):
             home_equilibrium(mechanism)
 
     def test_beside_a_family_are_found(self) -> None:
@@ -423,5 +425,7 @@ class TestHomes:
         np.testing.assert_allclose(home_equilibrium(chosen).pose, stable[0].pose, atol=1e-9)
 
     def test_that_are_not_found_say_how_far_was_searched(self) -> None:
-        with pytest.raises(ValueError, match="no stable equilibrium with every rho <= 13; none was sought beyond that"):
+        with pytest.raises(
+            ValueError, match=r"no stable equilibrium with every rho <= 13 .*; larger loads were not searched"
+        ):
             home_equilibrium(motors(-1.2, 1.2))

@@ -33,7 +33,7 @@ POLISH_RULES = NewtonRules(first_correction=np.inf, contraction=1e3, iterations=
 _SAME_STATE, _SAME_BRANCH = 1e-10, 1e-6
 # Rounding of the residual, which makes a state uncertain by this times its softness; and the most that is taken for it.
 # States on a family are soft beyond bounds: they are kept at this distance from each other.
-_ROUNDING, _LARGEST_BLUR = 1e-13, 0.1
+_ROUNDING, _LARGEST_BLUR = 1e-14, 0.1
 # A fold up to this far away, in the measure of `correction_size`, may have a partner beyond it; the step that tells;
 # and where the partner is sought, in distances from the fold.
 _FARTHEST_FOLD, _FOLD_PROBE = 0.2, 1e-4
