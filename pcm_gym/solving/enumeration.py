@@ -99,7 +99,7 @@ def solve_forward(
         lambda room: polish_starts(legs, scaled, scaled_load, starts.copy(), room),  # they are corrected in place
         is_inverse=False,
     )
-    found, families = problem.parted(found)
+    found, families = problem.parted(found, scaled)
     states, certificate = found.x, None
     if certify:
         states, certificate = certify_forward(searched, scaled, scaled_load, problem.rho_max, states)
@@ -163,7 +163,7 @@ def solve_inverse(
     if beside is not scaled:
         states, own_inputs = problem.moved(found, scaled)
         found = problem.polished(partial(correct_all, legs, states, own_inputs, scaled_load), is_inverse=True)
-    found, families = problem.parted(found)
+    found, families = problem.parted(found, scaled)
     own_inputs = searched.units.inputs_from_kernel(found.inputs)
     reason = _out_of_reach(mechanism, pose) if not len(own_inputs) else ""
     return problem.solutions(found.x, own_inputs, families, reason)
@@ -253,9 +253,9 @@ class _Problem:
         points = corrected_states(self.system(is_inverse=True), found)
         return points[:, : found.x.shape[1]].copy(), points[:, found.x.shape[1] :].copy()
 
-    def parted(self, found: Found) -> tuple[Found, tuple[Family, ...]]:
+    def parted(self, found: Found, given: Array) -> tuple[Found, tuple[Family, ...]]:
         """Return the isolated ones of what was found, and the families on which the others lie."""
-        is_isolated, continua = part_continua(self.system(is_inverse=found.is_inverse), found)
+        is_isolated, continua = part_continua(self.system(is_inverse=found.is_inverse), found, given)
         if not continua and is_isolated.all():
             return found, ()
         return found.chosen(is_isolated), tuple(self._family(continuum, found.is_inverse) for continuum in continua)

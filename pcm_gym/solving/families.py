@@ -16,6 +16,7 @@ from pcm_gym.kernels.enumeration.found import Found
 from pcm_gym.kernels.enumeration.linearisation import linearised
 from pcm_gym.kernels.statics.closure import TURN
 from pcm_gym.solving.solutions import FamilyKind
+from pcm_gym.solving.straight_rods import straight_point
 
 # Singular values below this part of the largest one are zero.
 _ZERO = 1e-8
@@ -170,14 +171,21 @@ def corrected_states(system: System, found: Found) -> Array:
     return np.array([point if near is None else near for point, near in zip(points, solutions, strict=True)])
 
 
-def part_continua(system: System, found: Found) -> tuple[Mask, list[Continuum]]:
-    """Return which of the solutions found are isolated, each once, and the families on which the others lie."""
+def part_continua(system: System, found: Found, given: Array) -> tuple[Mask, list[Continuum]]:
+    """Return which of the solutions found are isolated, each once, and the families on which the others lie.
+
+    `given` are the inputs, or the pose. That all rods are straight is seen from them, whatever was found.
+    """
     is_isolated = np.ones(len(found.x), dtype=bool)
     soft = np.flatnonzero(~(found.softness < _SOFT))
+    straight = straight_point(system.legs, given, is_inverse=system.is_inverse)
+    stress = None if straight is None else _stress_between(system, straight)
+    if not len(soft) and stress is None:
+        return is_isolated, []
     points = np.hstack([found.x, found.inputs])
     # first what is surely on a family: where others branch off it, there are more directions than it has
     order = sorted(soft, key=lambda n: len(system.at(points[n]).kernel) or math.inf)
-    continua: list[Continuum] = []
+    continua = [] if stress is None else [stress]
     alone: list[Array] = []
     for n in order:
         point = points[n]
@@ -238,6 +246,17 @@ def _stress_through(system: System, point: Array) -> Continuum | None:
     least = straight - straight @ directions.T @ directions
     representative = least if system.largest_rho(least) <= system.rho_max else straight
     return Continuum(FamilyKind.SELF_STRESS, representative[np.newaxis], representative, directions)
+
+
+def _stress_between(system: System, straight: Array) -> Continuum | None:
+    """Return the family of self-stresses of rods that are all straight; None if they bear none or not the load."""
+    here, along = system.at(straight), slice(0, 2 * system.leg_count, 2)
+    forces = np.zeros(len(here.units))
+    forces[along] = here.units[along] * np.linalg.lstsq(here.matrix[:, along], -here.residual, rcond=_ZERO)[0]
+    loaded = straight + system.change(forces)
+    if system.at(loaded).error > 1e3 * _SOLVED or system.largest_rho(loaded) > system.rho_max:
+        return None
+    return _stress_through(system, loaded)
 
 
 def _continuum_through(system: System, point: Array) -> Continuum | None:

@@ -81,6 +81,18 @@ class TestStraightRods:
         assert isolated is None or len(found) == isolated
         assert repr(family) in repr(found) or repr(family) in found.reason
 
+    @pytest.mark.parametrize("rho_max", [0.5, 2.0, 3.5, 8.0])
+    def test_are_seen_whatever_the_range(self, rho_max: float) -> None:
+        (family,) = solve_forward(motors(0.0, 0.0), (1.0, 1.0), rho_max=rho_max).families
+        assert family.kind == FamilyKind.SELF_STRESS
+        np.testing.assert_allclose(family.representative.pose, (math.cos(1.0), math.sin(1.0)), atol=1e-12)
+
+    def test_whose_load_is_beyond_the_range_are_none(self) -> None:
+        facing = motors(-1.0, 1.0), (0.0, math.pi)
+        assert solve_forward(*facing, (3.0, 0.0), rho_max=1.0).families == ()
+        assert solve_forward(*facing, (3.0, 0.0), rho_max=2.0).families != ()
+        assert solve_forward(*facing, (0.0, 3.0), rho_max=5.0).families == ()
+
     @pytest.mark.parametrize("pose", [(0.0, 1.0), (0.6, -0.8)])
     def test_at_a_pose_at_full_reach(self, pose: tuple[float, float]) -> None:
         found = solve_inverse(motors(0.0, 0.0), pose)
