@@ -118,7 +118,8 @@ def _scene_of(settings: Settings, scenes: Sequence[Scene], start: Any) -> int:
         )
     if not start.is_stable and settings.on_instability != "continue":
         raise ValueError(f"option equilibrium must be stable, got index {start.index}")
-    if not start.within_limits:
+    lower, upper = start.mechanism.lower_limits, start.mechanism.upper_limits
+    if not np.all((lower <= start.inputs) & (start.inputs <= upper)):
         raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
     if start.residual > _RESIDUAL_TOLERANCE:
         raise ValueError(f"option equilibrium must be one, got residual {start.residual}")

@@ -13,6 +13,9 @@ from pcm_gym.kernels.statics import closure
 from pcm_gym.mechanism.leg import Leg, Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector, instance_of, sequence_of, shape_of, shown, text
 
+# Largest coordinate of a base in lengths of the shortest rod: there a length is known to about 1e-7 of it.
+_FARTHEST_BASE = 1e9
+
 
 @dataclass(frozen=True)
 class Units:
@@ -120,6 +123,13 @@ class Mechanism:
         if self.reference is not None:
             instance_of("reference", self.reference, Rod)
         self._check_units()
+        limit = _FARTHEST_BASE * min(leg.rod.length for leg in legs)
+        for leg in legs:
+            if max(map(abs, leg.actuator.base)) > limit:
+                raise ValueError(
+                    f"base must be within {limit:g} of the origin, {_FARTHEST_BASE:g} lengths of the shortest rod: "
+                    f"double precision does not resolve the rod further away; got {leg.actuator.base}"
+                )
         self._check_home()
 
     def _check_units(self) -> None:

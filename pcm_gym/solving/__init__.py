@@ -1,7 +1,8 @@
 """Solving mechanisms: equilibria, branches, stability.
 
 Read `equilibrium` first, the value that all others take and return. `enumeration` finds every one at given inputs or at
-a given pose (`solutions`: sets of them; `certification`: the proof that a set is complete), and `home` chooses one.
+a given pose (`solutions`: sets of them; `families`: those that are not isolated; `search_frame`: in which units;
+`certification`: the proof that a set is complete), and `home` chooses one.
 `tracking` follows one along a way, `relaxation` lets it fall, `fold_distance` measures how far it is from falling.
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
 all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
@@ -34,7 +35,7 @@ from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
 from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
 from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
 from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
-from pcm_gym.solving.solutions import EquilibriumSet, StableStates
+from pcm_gym.solving.solutions import EquilibriumSet, Family, FamilyKind, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
 __all__ = [
@@ -48,6 +49,8 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSet",
     "Event",
+    "Family",
+    "FamilyKind",
     "NearestFold",
     "Raster",
     "RasterStates",

@@ -184,7 +184,9 @@ class Atlas:
             raise ValueError(f"equilibrium must belong to the atlas's mechanism, got one of {equilibrium.mechanism}")
         if not np.array_equal(equilibrium.load, self.load):
             raise ValueError(f"equilibrium must bear the atlas's load {self.load}, got {equilibrium.load}")
-        if not (equilibrium.is_stable and equilibrium.within_limits):
+        inputs = equilibrium.inputs
+        is_within = bool(np.all((self.mechanism.lower_limits <= inputs) & (inputs <= self.mechanism.upper_limits)))
+        if not (equilibrium.is_stable and is_within):
             return None
         own = StableStates(
             self.mechanism, self.load, equilibrium.state[None], equilibrium.inputs[None], np.array([-1], np.int32)

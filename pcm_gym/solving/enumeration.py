@@ -1,9 +1,9 @@
 """Every equilibrium at given inputs, and every set of inputs with its equilibria at a given pose."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import combinations
 from operator import contains
 
@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.cells import UnitRod, make_unit_rod
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
-from pcm_gym.kernels.enumeration.found import FOUND, SPENT, Found, keep_partners, make_found
+from pcm_gym.kernels.enumeration.found import (
+    FOUND,
+    SPENT,
+    Found,
+    correct_all,
+    keep_partners,
+    make_found,
+    principal_angle,
+)
 from pcm_gym.kernels.enumeration.inverse_search import join, make_forest, plant_tree, polish_combinations
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.kernels.numerics.slices import slices
@@ -29,7 +37,9 @@ from pcm_gym.mechanism.validation import (
 from pcm_gym.solving.budget import Spending
 from pcm_gym.solving.certification import Certificate, certify_forward
 from pcm_gym.solving.equilibrium import Equilibrium
-from pcm_gym.solving.solutions import EquilibriumSet
+from pcm_gym.solving.families import Continuum, System, corrected_states, part_continua
+from pcm_gym.solving.search_frame import SearchFrame, beside_motors, search_frame
+from pcm_gym.solving.solutions import EquilibriumSet, Family
 
 Modes = Sequence[int | Collection[int]]
 
@@ -39,7 +49,8 @@ _LEVELS = 6
 _STARTS_AT_ONCE, _JOINED_AT_ONCE = 4096, 256
 # What it takes to correct a start, in tests.
 _CORRECTION_COST = 64
-_MOST_FOUND = 4096
+# Room for equilibria: what is needed as a rule, and for the largest sets.
+_ROOMS = (1 << 12, 1 << 15)
 _LARGEST_RHO = 30.0
 _MOST_REFINEMENT = 2
 
@@ -78,12 +89,14 @@ def solve_forward(
     Returns
     -------
     EquilibriumSet
-        A sequence of `Equilibrium`; an empty one says why in its `reason`.
+        A sequence of `Equilibrium`, the isolated ones; an empty one says why in its `reason`. Those that are not
+        isolated belong to its `families`.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
+        If an argument has the wrong shape, is not finite or out of range, a proof is asked for more than two legs, or
+        there is more to return than the search has room for: no set is cut.
     SearchBudgetError
         If the search meets its budget; see `search_budget`.
 
@@ -98,22 +111,15 @@ def solve_forward(
     if truth_value("certify", certify) and mechanism.leg_count != 2:
         raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
-    sheets = _sheets(problem.rho_max, problem.refinement)
-    found, spending = problem.room(is_inverse=False), problem.spending()
-    starts = np.empty((max(_STARTS_AT_ONCE, int(np.diff(sheets.offsets).max())), mechanism.state_size))
-    place, is_left = np.zeros(5, dtype=np.int64), True
-    while is_left:
-        is_left = find_starts(legs, scaled, problem.scaled_load, sheets, place, starts)
-        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
-        for first, last in slices(int(place[FOUND]), _STARTS_AT_ONCE):
-            polish_starts(legs, scaled, problem.scaled_load, sheets, starts[first:last], found)
-    problem.look_across_folds(found)
-    states, certificate = found.x[: found.total[0]], None
+    searched, scaled_load = problem.searched, problem.scaled_load
+    scaled = searched.units.kernel_from_inputs(inputs)
+    found = problem.filled(partial(_examine_forward, problem, scaled), is_inverse=False)
+    found, families = problem.parted(found, scaled)
+    states, certificate = found.x, None
     if certify:
-        states, certificate = certify_forward(mechanism, scaled, problem.scaled_load, problem.rho_max, states)
-    obstacle = _too_far_apart(mechanism, inputs)
-    return problem.solutions(states, np.tile(inputs, (len(states), 1)), obstacle, certificate)
+        states, certificate = certify_forward(searched, scaled, scaled_load, problem.rho_max, states)
+    reason = _too_far_apart(mechanism, inputs) if not len(states) else ""
+    return problem.solutions(states, np.tile(inputs, (len(states), 1)), families, reason, certificate)
 
 
 def solve_inverse(
@@ -141,13 +147,16 @@ def solve_inverse(
     Returns
     -------
     EquilibriumSet
-        A sequence of `Equilibrium`; an empty one says why in its `reason`. Angles of revolute actuators are in
-        (-pi, pi]. Inputs may be beyond the actuators' limits: `Equilibrium.within_limits` tells.
+        A sequence of `Equilibrium`, the isolated ones; an empty one says why in its `reason`. Those that are not
+        isolated belong to its `families`. Angles of revolute actuators are in (-pi, pi]. Inputs may be beyond the
+        actuators' limits: `Equilibrium.within_limits` tells, and `Equilibrium.inputs_within_limits` has the full turns
+        added that bring them there.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range.
+        If an argument has the wrong shape, is not finite or out of range, or there is more to return than the search
+        has room for: no set is cut.
     SearchBudgetError
         If the search meets its budget; see `search_budget`.
 
@@ -160,22 +169,15 @@ def solve_inverse(
     if truth_value("certify", certify):
         raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
-    scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
-    unit, leg_count = _unit_rod(problem.rho_max, problem.refinement), mechanism.leg_count
-    found, spending, forest = problem.room(is_inverse=True), problem.spending(), make_forest(unit.levels, leg_count)
-    for leg in range(leg_count):
-        plant_tree(legs, leg, scaled, unit, forest)
-    cells, starts = np.empty((_JOINED_AT_ONCE, leg_count), np.int64), np.empty((_JOINED_AT_ONCE, 2 * leg_count))
-    place, is_left = np.zeros(2, dtype=np.int64), True
-    while is_left:
-        is_left = join(forest, problem.scaled_load, place, cells, starts)
-        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
-        own = slice(place[FOUND])
-        polish_combinations(legs, scaled, problem.scaled_load, unit, cells[own], starts[own], found)
-    problem.look_across_folds(found)
-    count = int(found.total[0])
-    own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
-    return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
+    searched, scaled = problem.searched, problem.frame.scaled_pose(pose)
+    beside = beside_motors(searched.leg_table, scaled)
+    found = problem.filled(partial(_examine_inverse, problem, beside), is_inverse=True)
+    if beside is not scaled:
+        found = problem.filled(partial(_correct, problem, *problem.moved(found, scaled)), is_inverse=True)
+    found, families = problem.parted(found, scaled)
+    own_inputs = searched.units.inputs_from_kernel(found.inputs)
+    reason = _out_of_reach(mechanism, pose) if not len(own_inputs) else ""
+    return problem.solutions(found.x, own_inputs, families, reason)
 
 
 @lru_cache(maxsize=8)
@@ -208,38 +210,134 @@ class _Problem:
         refinement = whole_number("refinement", refinement, least=0, most=_MOST_REFINEMENT)
         return cls(mechanism, mechanism.check_load(load), rho_max, _checked_modes(mechanism, modes), refinement)
 
+    @cached_property
+    def frame(self) -> SearchFrame:
+        return search_frame(self.mechanism)
+
+    @property
+    def searched(self) -> Mechanism:
+        return self.frame.searched
+
     @property
     def scaled_load(self) -> Array:
-        return self.mechanism.units.kernel_from_load(self.load)
+        return self.searched.units.kernel_from_load(self.load)
 
-    def room(self, *, is_inverse: bool) -> Found:
-        """Return arrays for the equilibria to be found."""
-        mechanism = self.mechanism
-        return make_found(_MOST_FOUND, mechanism.leg_count, mechanism.state_size, self.rho_max, is_inverse)
+    def filled(self, examine: Callable[[Found], None], *, is_inverse: bool) -> Found:
+        """Return all that `examine` finds, with the partners across folds.
+
+        Raises
+        ------
+        ValueError
+            If there is no room for so many.
+        """
+        for capacity in _ROOMS:
+            found = make_found(capacity, self.mechanism.leg_count, self.mechanism.state_size, self.rho_max, is_inverse)
+            examine(found)
+            self._look_across_folds(found)
+            count = int(found.total[0])
+            if count < capacity:
+                return found.chosen(count)
+        raise ValueError(
+            f"rho_max must be smaller for this mechanism: {self.rho_max} leaves more than {count - 1} equilibria"
+        )
+
+    def system(self, *, is_inverse: bool) -> System:
+        """Return the equations of the problem."""
+        return System(self.searched.leg_table, self.scaled_load, self.rho_max, is_inverse)
+
+    def moved(self, found: Found, pose: Array) -> tuple[Array, Array]:
+        """Return states and inputs, (m, size) and (m, legs), found at a pose near by, corrected to this one."""
+        found.x[:, 2 * self.mechanism.leg_count :] = pose
+        points = corrected_states(self.system(is_inverse=True), found)
+        return points[:, : found.x.shape[1]].copy(), points[:, found.x.shape[1] :].copy()
+
+    def parted(self, found: Found, given: Array) -> tuple[Found, tuple[Family, ...]]:
+        """Return the isolated ones of what was found, and the families on which the others lie."""
+        is_isolated, continua = part_continua(self.system(is_inverse=found.is_inverse), found, given)
+        if not continua and is_isolated.all():
+            return found, ()
+        return found.chosen(is_isolated), tuple(self._family(continuum, found.is_inverse) for continuum in continua)
+
+    def _family(self, continuum: Continuum, is_inverse: bool) -> Family:
+        x, inputs = np.split(continuum.representative, [-self.mechanism.leg_count])
+        for leg, described in enumerate(self.mechanism.legs):
+            if described.actuator.is_angle and is_inverse:
+                inputs[leg] = principal_angle(inputs[leg])
+        if self.mechanism.dof == 3 and not is_inverse:
+            x[-1] = principal_angle(x[-1])
+        own_inputs = self.searched.units.inputs_from_kernel(inputs)
+        representative = Equilibrium.unchecked(self.mechanism, self.frame.states(x), own_inputs, self.load)
+        return Family(continuum.kind, representative, self.frame.directions(continuum.directions))
 
     def spending(self) -> Spending:
         """Return a new account of what the search spends."""
         return Spending(f"all equilibria of mechanism {self.mechanism.name!r} with rho <= {self.rho_max:g}")
 
-    def look_across_folds(self, found: Found) -> None:
+    def _look_across_folds(self, found: Found) -> None:
         """Add the partners across folds of the equilibria found, and theirs."""
         n = 0
         while n < found.total[0]:
-            n = keep_partners(self.mechanism.leg_table, self.scaled_load, n, found)
+            n = keep_partners(self.searched.leg_table, self.scaled_load, n, found)
 
     def solutions(
-        self, states: Array, inputs: Array, obstacle: str, certificate: Certificate | None = None
+        self,
+        searched: Array,
+        inputs: Array,
+        families: tuple[Family, ...],
+        obstacle: str,
+        certificate: Certificate | None = None,
     ) -> EquilibriumSet:
         """Return the equilibria in the modes asked for, by ascending energy; `obstacle` tells why there are none."""
+        states = self.frame.states(searched)
         equilibria = [
             Equilibrium.unchecked(self.mechanism, state, own, self.load)
             for state, own in zip(states, inputs, strict=True)
         ]
-        reason = "" if equilibria else obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
+        reason = "" if equilibria else self._reason(families, obstacle)
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]
             reason = "" if equilibria else f"none of the {len(states)} equilibria is in the modes asked for"
-        return EquilibriumSet(tuple(sorted(equilibria, key=lambda found: found.energy)), reason, certificate)
+        ordered = tuple(sorted(equilibria, key=lambda found: found.energy))
+        return EquilibriumSet(ordered, reason, certificate, families)
+
+    def _reason(self, families: tuple[Family, ...], obstacle: str) -> str:
+        if families:
+            return "none is isolated: " + "; ".join(map(repr, families))
+        return obstacle or f"no equilibrium has all rods' rho <= {self.rho_max:g}"
+
+
+def _examine_forward(problem: _Problem, inputs: Array, found: Found) -> None:
+    """Keep every equilibrium at these inputs."""
+    legs, load, spending = problem.searched.leg_table, problem.scaled_load, problem.spending()
+    sheets = _sheets(problem.rho_max, problem.refinement)
+    starts = np.empty((max(_STARTS_AT_ONCE, int(np.diff(sheets.offsets).max())), problem.mechanism.state_size))
+    place, is_left = np.zeros(5, dtype=np.int64), True
+    while is_left:
+        is_left = find_starts(legs, inputs, load, sheets, place, starts)
+        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
+        for first, last in slices(int(place[FOUND]), _STARTS_AT_ONCE):
+            polish_starts(legs, inputs, load, sheets, starts[first:last], found)
+
+
+def _examine_inverse(problem: _Problem, pose: Array, found: Found) -> None:
+    """Keep every equilibrium at this pose."""
+    legs, load, spending = problem.searched.leg_table, problem.scaled_load, problem.spending()
+    unit, leg_count = _unit_rod(problem.rho_max, problem.refinement), problem.mechanism.leg_count
+    forest = make_forest(unit.levels, leg_count)
+    for leg in range(leg_count):
+        plant_tree(legs, leg, pose, unit, forest)
+    cells, starts = np.empty((_JOINED_AT_ONCE, leg_count), np.int64), np.empty((_JOINED_AT_ONCE, 2 * leg_count))
+    place, is_left = np.zeros(2, dtype=np.int64), True
+    while is_left:
+        is_left = join(forest, load, place, cells, starts)
+        spending.spend(int(place[SPENT] + _CORRECTION_COST * place[FOUND]))
+        own = slice(place[FOUND])
+        polish_combinations(legs, pose, load, unit, cells[own], starts[own], found)
+
+
+def _correct(problem: _Problem, states: Array, inputs: Array, found: Found) -> None:
+    """Keep these states (m, size) at inputs (m, legs), corrected."""
+    correct_all(problem.searched.leg_table, states, inputs, problem.scaled_load, found)
 
 
 def _checked_modes(mechanism: Mechanism, modes: Modes | None) -> tuple[frozenset[int], ...] | None:
@@ -275,6 +373,4 @@ def _out_of_reach(mechanism: Mechanism, pose: Array) -> str:
         distance = leg.actuator.distance(hinge)
         if distance > leg.rod.length:
             return f"the hinge of leg {i} is {distance:g} from its actuator and the rod is {leg.rod.length:g} long"
-        if distance == 0.0 and leg.actuator.is_angle:
-            return f"the hinge of leg {i} is on its motor, about which the rod turns freely: a continuum"
     return ""

@@ -1,5 +1,6 @@
 """One equilibrium of a mechanism and everything that is known of it."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -7,11 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array
+from pcm_gym.kernels.enumeration.linearisation import linearised
 from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.leg import Actuator
 from pcm_gym.mechanism.validation import finite_number, finite_vector, instance_of, whole_number
 
 _MOST_POINTS = 1_000_000
+
+# Singular values below this part of the largest one are zero but for rounding.
+_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +183,19 @@ class Equilibrium:
 
     @property
     def is_stable(self) -> bool:
-        """Whether the energy has a strict local minimum here: index 0 with positive definite stiffness."""
-        return self.index == 0
+        """Whether the energy has a strict local minimum here: index 0 with positive definite stiffness.
+
+        Of a singular state, at a fold or on a family of equilibria, rounding alone would decide: it is not called so.
+        """
+        return self.index == 0 and not self._is_singular
+
+    @cached_property
+    def _is_singular(self) -> bool:
+        """Whether the equations do not fix the state: their least singular value is rounding."""
+        state, inputs, load = self.kernel_values()
+        _, matrix, _ = linearised(self.mechanism.leg_table, state, inputs, load, False)
+        values = np.linalg.svd(matrix, compute_uv=False)
+        return bool(values[-1] < _ROUNDING * values[0])
 
     @property
     def stability_margin(self) -> float:
@@ -218,11 +235,19 @@ class Equilibrium:
             raise np.linalg.LinAlgError("the forward Jacobian does not exist: this equilibrium is a singular point")
         return self._facts.jacobian * self.mechanism.units.jacobian
 
+    @cached_property
+    def inputs_within_limits(self) -> Array | None:
+        """The inputs with full turns of motors added that bring them within the limits: the fewest; None if none do."""
+        actuators = [leg.actuator for leg in self.mechanism.legs]
+        inputs = [_turned_within(*each) for each in zip(self.inputs.tolist(), actuators, strict=True)]
+        limits = [actuator.limits for actuator in actuators]
+        is_within = all(lower <= value <= upper for value, (lower, upper) in zip(inputs, limits, strict=True))
+        return _frozen(np.array(inputs)) if is_within else None
+
     @property
     def within_limits(self) -> bool:
-        """Whether every input is within its actuator's limits."""
-        mechanism = self.mechanism
-        return bool(np.all((mechanism.lower_limits <= self.inputs) & (self.inputs <= mechanism.upper_limits)))
+        """Whether every input, or of a motor any number of full turns from it, is within its actuator's limits."""
+        return self.inputs_within_limits is not None
 
     def shape(self, points: int = 50) -> Array:
         """Return the rods' centre lines, base to tip at equal steps of arc length.
@@ -260,6 +285,16 @@ class Equilibrium:
             f"Equilibrium({self.mechanism.name}, pose=({pose}), modes={self.modes}, index={self.index}, "
             f"energy={self.energy:.6g})"
         )
+
+
+def _turned_within(value: float, actuator: Actuator) -> float:
+    """Return an input with the fewest full turns added that bring it within its limits, or past them if none do."""
+    (lower, upper), period = actuator.limits, actuator.period
+    if period > 0.0 and value < lower:
+        return value + period * math.ceil((lower - value) / period)
+    if period > 0.0 and value > upper:
+        return value - period * math.ceil((value - upper) / period)
+    return value
 
 
 def _frozen(array: Array) -> Array:

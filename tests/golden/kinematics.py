@@ -62,7 +62,7 @@ def described(equilibria: Sequence[Equilibrium], is_sound: Any = True, **exact: 
         "count": [len(equilibria)],
         "index": [one.index for one in equilibria],
         "modes": [one.modes for one in equilibria],
-        "within_limits": [one.within_limits for one in equilibria],
+        "within_limits": [_is_within_limits(one) for one in equilibria],
     }
     sound = np.broadcast_to(is_sound, len(equilibria)) & np.array([_is_sound(one) for one in equilibria], dtype=bool)
     return Record(
@@ -71,6 +71,12 @@ def described(equilibria: Sequence[Equilibrium], is_sound: Any = True, **exact: 
         sound,
         {name: np.array(value) for name, value in rough.items()},
     )
+
+
+def _is_within_limits(equilibrium: Equilibrium) -> bool:
+    """Whether the inputs are within the limits as they are, no turns added."""
+    inside = equilibrium.inputs_within_limits
+    return inside is not None and np.array_equal(inside, equilibrium.inputs)
 
 
 def _jacobian(equilibrium: Equilibrium) -> NDArray[np.float64]:

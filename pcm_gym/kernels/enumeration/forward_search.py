@@ -60,6 +60,8 @@ _BALANCE_ROWS = 8
 _WIDTH_PART = 0.6
 # Starts are this far inside the block of a patch, in cells of the rod's grid: its edge may be a straight rod.
 _INSIDE = 0.3
+# Rods whose reaches miss each other by no more than this part of a pose cell may touch.
+_TOUCHING = 1e-9
 # Half a pose cell's turn, at most, in rad.
 _LARGEST_HALF_TURN = 0.2
 # Starts are within a pose cell of their solution; what leads Newton's method farther away than this, in lengths of the
@@ -113,9 +115,16 @@ def _cover_poses(legs: Array, clamps: Array, sheets: Sheets) -> _PoseCells:
         turns = math.ceil(math.pi / widest)
         half_turn = math.pi / turns
     half_width = part * room / math.sqrt(2.0)
-    columns = max(0, math.ceil(0.5 * (high_x - low_x) / half_width))
-    rows = max(0, math.ceil(0.5 * (high_y - low_y) / half_width))
+    columns, rows = _cells_across(high_x - low_x, half_width), _cells_across(high_y - low_y, half_width)
     return _PoseCells(low_x, low_y, half_width, half_turn, columns, rows, turns)
+
+
+@kernel
+def _cells_across(span: float, half_width: float) -> int:
+    """Return how many cells cover this span; one if rods that just reach each other leave none but rounding."""
+    if span < -_TOUCHING * half_width:
+        return 0
+    return max(1, math.ceil(0.5 * span / half_width))
 
 
 @kernel
