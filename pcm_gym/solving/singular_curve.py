@@ -122,8 +122,8 @@ class SingularCurve:
         return np.hstack([self.states, self.mechanism.units.kernel_from_inputs(self.inputs)])
 
     def equilibrium(self, k: int) -> Equilibrium:
-        """Return the singular equilibrium at vertex `k`."""
-        k = whole_number("k", k, least=0, most=len(self) - 1)
+        """Return the singular equilibrium at vertex `k`, counted from the end where it is negative."""
+        k = whole_number("k", k, least=-len(self), most=len(self) - 1)
         return Equilibrium.unchecked(self.mechanism, self.states[k], self.inputs[k], self.load)
 
     def __repr__(self) -> str:

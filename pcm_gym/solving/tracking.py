@@ -29,6 +29,10 @@ class Event(IntEnum):
         """Return the name in small letters, such as "index_change"."""
         return self.name.lower()
 
+    def __format__(self, spec: str) -> str:
+        """Return the same in formatted text, whichever version of Python."""
+        return format(str(self), spec)
+
     @property
     def message(self) -> str:
         """What the event means, in a sentence."""
