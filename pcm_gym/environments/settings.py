@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
-from pcm_gym.kernels.charts.roadmap import grow, plant, pose_densities
+from pcm_gym.kernels.charts.roadmap import grow, pose_densities
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
 from pcm_gym.kernels.numerics.compilation import expect
@@ -39,7 +39,7 @@ _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
 # What every environment calls until its first step is done: the home, the roadmap, starts and goals, the step.
 _FIRST_CALLED = (
-    *(find_starts, polish_starts, describe_equilibrium, plant, grow, pose_densities, walk),
+    *(find_starts, polish_starts, describe_equilibrium, grow, pose_densities, walk),
     *(poses_seen, score_goals, describe_batch, step_batch),
 )
 

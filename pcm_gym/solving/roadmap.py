@@ -222,12 +222,13 @@ def build_roadmap(
         np.zeros((1, mechanism.leg_count), dtype=np.bool_),
     )
     nodes = _with_room(_make_nodes(mechanism, raster.size), len(seeds))
-    planted = []
-    for seed in seeds:
-        planted.append(kernels.plant(legs, rasters, nodes, least_margin, *seed.kernel_values()))
+    sown = States(*map(np.array, zip(*(seed.kernel_values() for seed in seeds), strict=True)))
+    planted = np.empty(len(seeds), dtype=np.int64)
+    kernels.grow(legs, rasters, nodes, sown, least_margin, 0, planted)
+    sown = States(*(array[:0] for array in sown))
     while nodes.counts[1] < nodes.counts[0]:
         nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
-        kernels.grow(legs, rasters, nodes, least_margin, _EXPANDED_AT_ONCE)
+        kernels.grow(legs, rasters, nodes, sown, least_margin, _EXPANDED_AT_ONCE, planted[:0])
     count = int(nodes.counts[0])
     return Roadmap(
         mechanism,
@@ -238,7 +239,7 @@ def build_roadmap(
         units.inputs_from_kernel(nodes.states.inputs[:count]),
         nodes.cell[:count].copy(),
         nodes.ways[:count].copy(),
-        tuple(planted),
+        tuple(planted.tolist()),
     )
 
 

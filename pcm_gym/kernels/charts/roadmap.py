@@ -78,9 +78,19 @@ def _make_steps(leg_count: int, size: int) -> Steps:
 
 
 @kernel
-def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most: int) -> None:
-    """Expand up to `most` nodes; there must be room for 2 legs new ones from each."""
+def grow(
+    legs: Array, rasters: Rasters, nodes: Nodes, seeds: States, least_margin: float, most: int, planted: Integers
+) -> None:
+    """Enter stable equilibria at the nodes of their cells, then expand up to `most` nodes.
+
+    Fills `planted` with the nodes of the seeds, -1 for each from which no safe step leads there. There must be room for
+    one node from each seed, and for 2 legs new ones from each node that is expanded.
+    """
     steps = _make_steps(legs.shape[0], nodes.states.x.shape[1])
+    for n in range(seeds.x.shape[0]):
+        planted[n] = _plant(
+            legs, rasters, nodes, least_margin, Point(seeds.x[n], seeds.inputs[n], seeds.load[n]), steps
+        )
     waiting, end = 0, min(nodes.counts[0], nodes.counts[1] + most)
     for node in range(nodes.counts[1], end):
         for way in range(2 * legs.shape[0]):
@@ -100,6 +110,19 @@ def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most:
     if waiting > 0:
         _go(legs, rasters, nodes, least_margin, steps, waiting)
     nodes.counts[1] = end
+
+
+@kernel
+def _plant(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, seed: Point, steps: Steps) -> int:
+    """Enter a stable equilibrium at the node of its cell; return the node, or -1 where no safe step leads there."""
+    cell = nearest_cell(rasters, INPUTS, seed.inputs)
+    if cell == NOWHERE:
+        return NOWHERE
+    set_node(rasters, INPUTS, cell, steps.target)
+    steps.x[:], steps.inputs[:] = seed.x, seed.inputs
+    if not _go_alone(legs, seed.load, least_margin, steps):
+        return NOWHERE
+    return _place(nodes, cell, steps.x, steps.target, seed.load)
 
 
 @kernel
@@ -196,25 +219,6 @@ def find(nodes: Nodes, cell: int, x: Array) -> int:
             return int(node)
         node = nodes.next[node]
     return NOWHERE
-
-
-@kernel
-def plant(
-    legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, seed_x: Array, seed_inputs: Array, load: Array
-) -> int:
-    """Enter a stable equilibrium at the node of its cell; return the node, or -1 where no safe step leads there.
-
-    There must be room for one.
-    """
-    steps = _make_steps(legs.shape[0], seed_x.shape[0])
-    cell = nearest_cell(rasters, INPUTS, seed_inputs)
-    if cell == NOWHERE:
-        return NOWHERE
-    set_node(rasters, INPUTS, cell, steps.target)
-    steps.x[:], steps.inputs[:] = seed_x, seed_inputs
-    if not _go_alone(legs, load, least_margin, steps):
-        return NOWHERE
-    return _place(nodes, cell, steps.x, steps.target, load)
 
 
 def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:

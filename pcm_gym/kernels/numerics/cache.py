@@ -78,6 +78,7 @@ class _Locator(_CacheLocator):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._code = function.__code__
+        self._py_file = self._code.co_filename  # Numba names it where it warns
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], _file: str) -> "_Locator":
@@ -110,7 +111,10 @@ class _Implementation(CompileResultCacheImpl):
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """Return a result from what its library and Numba have kept of it."""
         (name, kind, kept), fndesc, environment, signature, objectmode, lifted, annotation, reload, others = payload
+        for prepare in reload:
+            prepare()
         library = kind.restored(target_context.codegen(), name, kept)
+        library._reload_init.update(reload)
         entry_point = target_context.get_executable(library, fndesc, environment)
         for other in others:
             library.codegen.set_env(other.env_name, other)

@@ -59,10 +59,11 @@ class Whole(JITCodeLibrary):
     """Machine code of a kernel and of all it calls."""
 
     def _optimize_final_module(self) -> None:
-        # nobody else calls the parts by name: what is called once is inlined, what is inlined is dropped
+        # Nobody else calls the parts: what is called once is inlined, what is inlined is dropped. What is left has no
+        # symbol: other machine code in this process would take it for the function of that name as it was written.
         for function in self._functions():
             if function.linkage == Linkage.linkonce_odr and function.name.startswith(_COMPILED):
-                function.linkage = Linkage.internal
+                function.linkage = Linkage.private
         super()._optimize_final_module()
 
     def _functions(self) -> Iterator[Any]:
@@ -71,7 +72,7 @@ class Whole(JITCodeLibrary):
     def serialize_using_object_code(self) -> tuple[str, type["Whole"], tuple[bytes, list[str]]]:
         """Return what `restored` needs: no code for others to take over, there are parts for that."""
         self._ensure_finalized()
-        names = [function.name for function in self._functions() if function.linkage != Linkage.internal]
+        names = [function.name for function in self._functions() if function.linkage != Linkage.private]
         return self.name, type(self), (self._get_compiled_object(), names)
 
     @classmethod

@@ -94,6 +94,31 @@ def test_a_kernel_can_be_called_by_kernels_by_python_and_by_itself(tmp_path: Pat
         assert run(tmp_path / "cache", code=command, NUMBA_DISABLE_JIT=disabled)[0] == "2.0 7.0 1.5 1.0\n"
 
 
+def test_a_plain_numba_function_may_call_a_kernel_that_is_inside_other_machine_code(tmp_path: Path) -> None:
+    """The loader knows functions by name, and those inside are specialised: taken for each other they crash."""
+    code = (
+        "import numba, numpy as np, pcm_gym\n"
+        "from pcm_gym.kernels.lockstep.lanes import step_block\n"
+        "from pcm_gym.kernels.lockstep.layout import make_block\n"
+        "from pcm_gym.kernels.numerics.compilation import kernel\n"
+        "def step(legs, g, inputs):\n"
+        "    block = make_block(2)\n"
+        "    block.common[0].pose[:], block.common[0].load[:] = 0.0, 0.0\n"
+        "    for lane in range(16):\n"
+        "        for i in range(2):\n"
+        "            leg = block.legs[i]\n"
+        "            leg.g[0, lane], leg.g[1, lane] = g[2 * i], g[2 * i + 1]\n"
+        "            leg.input[lane], leg.target[lane] = inputs[i], inputs[i] + 0.01\n"
+        "    step_block(legs, block, 16, 2)\n"
+        "    return block.legs[0].g[0, 3]\n"
+        "given = pcm_gym.get_mechanism('2RFR').leg_table, np.array([1.0, 0.1, 1.0, 0.2]), np.array([1.0, 2.0])\n"
+        "print(kernel(step)(*given) == numba.njit(error_model='numpy')(step)(*given))\n"
+    )
+    (tmp_path / "script.py").write_text(code)
+    command = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import script"
+    assert run(tmp_path / "cache", code=command)[0] == "True\n"
+
+
 def test_nothing_is_announced_without_compilation(tmp_path: Path) -> None:
     assert run(tmp_path, NUMBA_DISABLE_JIT="1") == ("1.5707963267948966\n", "")
     assert run(tmp_path, code="import pcm_gym") == ("", "")
