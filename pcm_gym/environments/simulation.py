@@ -169,8 +169,7 @@ class Simulation:
             def step(
                 first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
             ) -> None:
-                while first < last:
-                    first += step_batch(legs, states, chosen[first:last], aims, rules, report)
+                step_batch(legs, states, chosen[first:last], aims, rules, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs

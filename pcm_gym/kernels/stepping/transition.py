@@ -23,7 +23,6 @@ GIVE_UP = -1
 _REFUSED_AT_ONCE = 128
 
 
-@kernel
 def step_batch(
     legs: Array,
     states: States,
@@ -31,13 +30,28 @@ def step_batch(
     moves: Moves,
     rules: StepRules,
     report: Report,
-) -> int:
-    """Move the inputs of some rows in place; return how many: all, unless many of those first in `rows` take long.
+) -> None:
+    """Move the inputs of some rows in place.
 
     Inputs beyond an actuator's limit are cut. Rows that would lose stability do as the rules say, see `instability`.
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
     which others are stepped with it.
     """
+    done = 0
+    while done < len(rows):
+        done += _step_some(legs, states, rows[done:], moves, rules, report)
+
+
+@kernel
+def _step_some(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    moves: Moves,
+    rules: StepRules,
+    report: Report,
+) -> int:
+    """Do what `step_batch` does in the first rows; return in how many: all, unless many of them take long."""
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
