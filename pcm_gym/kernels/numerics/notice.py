@@ -85,10 +85,15 @@ def _kernels_below(kernel: Any) -> Iterator[Any]:
         above = pending.pop()
         if not above.is_formula:
             yield above
-        names = (above.py_func.__globals__.get(name) for name in above.py_func.__code__.co_names)
-        new = {called for called in names if _is_ours(called)} - found
+        new = _named_in(above.py_func) - found
         found |= new
         pending.extend(new)
+
+
+def _named_in(function: Any) -> set[Any]:
+    """Return the kernels that stand in a function's code."""
+    named = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return {called for called in named if _is_ours(called)}
 
 
 def _say(text: str) -> None:
@@ -99,8 +104,11 @@ _notice = _Notice()
 event.register("numba:compile", _notice)
 
 
-def expect(*kernels: Callable[..., Any]) -> None:
-    """Announce kernels that Python is about to call, so that how much is left to compile counts all of them."""
-    for kernel in kernels:
-        if _is_ours(kernel):  # else nothing is compiled at all
+def expect(*functions: Callable[..., Any]) -> None:
+    """Announce kernels that Python is about to call, so that how much is left to compile counts all of them.
+
+    In place of a kernel there may be a plain function that calls some.
+    """
+    for function in functions:
+        for kernel in [function] if _is_ours(function) else _named_in(function):
             _notice.expect(kernel)
