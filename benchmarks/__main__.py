@@ -27,6 +27,7 @@ from benchmarks.shield import DIFFICULTIES, KINDS, defend
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
+from benchmarks.ways import judged
 from pcm_gym.environments.settings import BEHAVIOURS
 
 Results = dict[str, dict[str, Summary]]
@@ -297,6 +298,24 @@ def margins(
         console.print(f"Figures written to {json_path}")
     own = [judged.calls(judged.threshold) for judged in found]
     if any(calls.missed_part > 0.01 or calls.false_part > 0.2 for calls in own):
+        raise typer.Exit(1)
+
+
+@app.command()
+def ways(
+    count: Annotated[int, typer.Option(min=1, help="Random ways.")] = 20_000,
+    seed: Annotated[int, typer.Option()] = 0,
+) -> None:
+    """Go random ways along branches in one step and in many parts; two milliseconds each.
+
+    The exit status is 1 if a step came to something else than the same way in parts.
+    """
+    console, _ = _start()
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("ways", total=count)
+        tally = judged(count, seed, partial(progress.advance, task))
+    report.print_ways(console, tally)
+    if tally.jumps:
         raise typer.Exit(1)
 
 

@@ -16,6 +16,8 @@ from benchmarks.multistart import METHODS
 from benchmarks.shield import Defence
 from benchmarks.startup import STAGES
 from benchmarks.timing import Summary
+from benchmarks.ways import PARTS, described
+from benchmarks.ways import Tally as WaysTally
 from pcm_gym.solving import Event
 
 _COUNTED = (Event.FOLD, Event.INDEX_CHANGE, Event.ACTUATOR_LIMIT, Event.SOLVER_FAILURE)
@@ -256,3 +258,20 @@ def _count(value: float) -> str:
 
 def _range(summary: Summary) -> str:
     return f"{_count(summary.least)} - {_count(summary.most)}"
+
+
+def print_ways(console: Console, tally: WaysTally) -> None:
+    """Print what became of ways gone in one step, and of each that came to something else in parts."""
+    table = _table("Ways gone in one step")
+    table.add_column("ways", justify="right", no_wrap=True)
+    for event, count in sorted(tally.events.items()):
+        table.add_row(str(Event(event)), _count(count))
+    console.print(table)
+    jumps = tally.jumps
+    console.print(
+        f"{_count(len(jumps))} jumps or windows missed; {_count(len(tally.wrong) - len(jumps))} failures where the way "
+        f"in parts goes on; {_count(len(tally.unresolved))} where {PARTS} parts were too few; {_count(tally.given_up)} "
+        "with rods all but stretched"
+    )
+    for way in tally.wrong:
+        console.print(described(way))

@@ -22,7 +22,7 @@ from tests.reference.mechanisms import (
 from tests.reference.orders import fitted_order
 
 
-def independent_fold(start: Equilibrium, inputs: np.ndarray, load: np.ndarray) -> float | None:
+def independent_fold(start: Equilibrium, inputs: np.ndarray, load: np.ndarray, step: float = 0.4) -> float | None:
     """Return the fraction of the first fold on the line to (inputs, load), by the discretised energy."""
     discrete, units = DiscreteEnergy(start.mechanism), start.mechanism.units
     input_rate, load_rate = inputs - start.inputs, load - start.load
@@ -41,7 +41,7 @@ def independent_fold(start: Equilibrium, inputs: np.ndarray, load: np.ndarray) -
         return np.column_stack([discrete.derivatives(z[:-1], *at(z[-1])).hessian, by_fraction])
 
     z = np.append(discrete.solve(discrete.start(start), *at(0.0)), 0.0)
-    fold = first_fold(residual, jacobian, z, direction=1.0, limit=1.0, step=0.4, scale=scale)
+    fold = first_fold(residual, jacobian, z, direction=1.0, limit=1.0, step=step, scale=scale)
     return None if fold is None else fold[0]
 
 
