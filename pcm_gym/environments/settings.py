@@ -17,7 +17,7 @@ from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
 from pcm_gym.kernels.statics.equilibrium import describe_equilibrium
 from pcm_gym.kernels.stepping.goals import poses_seen, score_goals
 from pcm_gym.kernels.stepping.report import StepRules
-from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
+from pcm_gym.kernels.stepping.transition import describe_batch, step_in_lanes
 from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
 from pcm_gym.mechanism.validation import (
     number_not_negative,
@@ -40,7 +40,7 @@ _MOST_VARIANTS = 128
 # What every environment calls until its first step is done: the home, the roadmap, starts and goals, the step.
 _FIRST_CALLED = (
     *(find_starts, polish_starts, describe_equilibrium, grow, pose_densities, walk),
-    *(poses_seen, score_goals, describe_batch, step_batch),
+    *(poses_seen, score_goals, describe_batch, step_in_lanes),
 )
 
 

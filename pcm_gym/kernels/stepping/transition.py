@@ -37,21 +37,23 @@ def step_batch(
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
     which others are stepped with it.
     """
-    done = 0
+    left, done = np.empty(len(rows), dtype=np.int64), 0
     while done < len(rows):
-        done += _step_some(legs, states, rows[done:], moves, rules, report)
+        count, left_count = step_in_lanes(legs, states, rows[done:], moves, rules, report, left)
+        if left_count > 0:
+            step_alone(legs, states, left[:left_count], moves, rules, report)
+        done += count
 
 
 @kernel
-def _step_some(
-    legs: Array,
-    states: States,
-    rows: Integers,
-    moves: Moves,
-    rules: StepRules,
-    report: Report,
-) -> int:
-    """Do what `step_batch` does in the first rows; return in how many: all, unless many of them take long."""
+def step_in_lanes(
+    legs: Array, states: States, rows: Integers, moves: Moves, rules: StepRules, report: Report, left: Integers
+) -> tuple[int, int]:
+    """Do what `step_batch` does in the first rows, as far as lock-step can; fill `left` with those where it cannot.
+
+    Return how many rows were looked at, all, unless many of them are refused, and how many are left. Falls and all that
+    they need are no part of this kernel: most programs begin without them.
+    """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
@@ -75,9 +77,15 @@ def _step_some(
         done = first + count
         if refused_count >= _REFUSED_AT_ONCE:
             break
-    if refused_count > 0:
-        _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
-    return int(done)
+    if refused_count == 0:
+        return done, 0
+    has_arrived = _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
+    remaining = refused[:refused_count][~has_arrived]
+    if rules.behaviour == GIVE_UP:
+        _give_up(remaining, rules, report)
+        return done, 0
+    left[: remaining.shape[0]] = remaining
+    return done, int(remaining.shape[0])
 
 
 @kernel
@@ -89,18 +97,15 @@ def _step_refused(
     rules: StepRules,
     report: Report,
     block: Block,
-) -> None:
-    """Do what `step_batch` does in rows whose step over the whole way is refused: by parts of it, or else alone."""
+) -> Mask:
+    """Step rows whose step over the whole way is refused by parts of it; return which have arrived."""
     count = rows.shape[0]
     targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
     for k in range(count):
         is_cut[k] = _set_target(legs, states.inputs, moves.actions, rows[k], moves.stride, targets[k])
     has_arrived = _step_in_parts(legs, states, rows, targets, block)
     _report_arrived(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
-    if rules.behaviour == GIVE_UP:
-        _give_up(rows[~has_arrived], rules, report)
-    else:
-        step_alone(legs, states, rows[~has_arrived], moves, rules, report)
+    return has_arrived
 
 
 @kernel
