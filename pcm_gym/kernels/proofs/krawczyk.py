@@ -29,13 +29,13 @@ from pcm_gym.kernels.proofs.rod_cells import (
     set_unit_models,
 )
 from pcm_gym.kernels.proofs.rod_enclosure import RodEnclosure, enclose_rod_derivatives, enclose_slightly_loaded
-from pcm_gym.kernels.proofs.taylor_models import bounds
+from pcm_gym.kernels.proofs.taylor_models import along_s, along_t, bounds
 
 # The charts of a rod's load.
 POLAR, CARTESIAN = range(2)
 # Below this rho the load itself is the chart; the equations are known over loads |g| up to the second number.
-_CARTESIAN_RHO = 0.3
-_LARGEST_CARTESIAN_LOAD = 0.9
+CARTESIAN_RHO = 0.3
+LARGEST_CARTESIAN_LOAD = 0.9
 # A change of a load that is of the order of its own size is at most this.
 _LARGEST_RADIUS = 0.5
 _NEWTON_STEPS = 20
@@ -142,7 +142,8 @@ def _set_jacobian(frames: Frames, z: Array, r: Array, charts: Integers, work: Kr
     for leg in range(2):
         first, second = z[2 * leg], z[2 * leg + 1]
         if charts[leg] == POLAR:
-            by_rho, by_b = enclose_rod_derivatives(first, r[2 * leg], second, r[2 * leg + 1])
+            rho, b = along_s(first, r[2 * leg], 0.0), along_t(second, r[2 * leg + 1], 0.0)
+            _, by_rho, by_b = enclose_rod_derivatives(rho, b)
             for k, change in ((2 * leg, by_rho), (2 * leg + 1, by_b)):
                 _set_bounds(change, work.unit, work.unit_half)
                 _set_column(frames, leg, work.unit, work.unit_half, work.middle[:, k], work.half_width[:, k])
@@ -169,7 +170,7 @@ def _set_cartesian_bounds(load: float, k: int, middle: Array, half_width: Array)
     middle[:] = 0.0
     middle[k] = 1.0
     middle[3] = k / 3.0
-    if load > _LARGEST_CARTESIAN_LOAD:
+    if load > LARGEST_CARTESIAN_LOAD:
         half_width[:] = math.inf
         return
     near = enclose_slightly_loaded(load)
@@ -211,7 +212,7 @@ def _choose_charts(z: Array, charts: Integers) -> None:
     for leg in range(2):
         rho, b = z[2 * leg], z[2 * leg + 1]
         charts[leg] = POLAR
-        if rho < _CARTESIAN_RHO:
+        if rho < CARTESIAN_RHO:
             charts[leg] = CARTESIAN
             z[2 * leg], z[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)
 

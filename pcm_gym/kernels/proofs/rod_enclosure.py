@@ -18,6 +18,8 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.proofs.taylor_models import (
     Model,
     add,
+    along_s,
+    along_t,
     constant,
     cosine_and_sine,
     exact,
@@ -105,13 +107,12 @@ def _series(function: int, w: Model, powers: tuple[Model, ...]) -> Model:
 
 
 @kernel
-def enclose_elliptic(rho: float, rho_half_width: float, b: float, b_half_width: float) -> Elliptic:
-    """Return models of the elliptic functions over the box rho +- rho_half_width, b +- b_half_width; rho >= 0."""
-    load = Model(rho, rho_half_width, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    kappa, kappa_c = cosine_and_sine(0.5 * b, 0.5 * b_half_width)
+def enclose_elliptic(load: Model, b: Model) -> Elliptic:
+    """Return models of the elliptic functions at the loads rho = `load` >= 0 and b."""
+    kappa, kappa_c = cosine_and_sine(scale(0.5, b))
     m, m1, sin_b = multiply(kappa, kappa), multiply(kappa_c, kappa_c), scale(2.0, multiply(kappa, kappa_c))
     doublings, part = 0, 1.0
-    while (rho + rho_half_width) * part > 0.999 * _SERIES_ARGUMENT:
+    while (load.center + radius(load)) * part > 0.999 * _SERIES_ARGUMENT:
         doublings += 1
         part *= 0.5
     v = scale(part, load)
@@ -163,7 +164,13 @@ def _double(m: Model, m1: Model, cn: Model) -> tuple[Model, Model, Model]:
 @kernel
 def enclose_rod(rho: float, rho_half_width: float, b: float, b_half_width: float) -> RodEnclosure:
     """Return tip and tip force of the unit rod over a box of loads, in the clamp's frame; about 3 microseconds."""
-    return _enclose_rod(enclose_elliptic(rho, rho_half_width, b, b_half_width))[0]
+    return enclose_rod_at(along_s(rho, rho_half_width, 0.0), along_t(b, b_half_width, 0.0))
+
+
+@kernel
+def enclose_rod_at(rho: Model, b: Model) -> RodEnclosure:
+    """Return tip and tip force of the unit rod at the loads of two models, in the clamp's frame."""
+    return _enclose_rod(enclose_elliptic(rho, b))[0]
 
 
 @kernel
@@ -186,11 +193,9 @@ def _enclose_rod(e: Elliptic) -> tuple[RodEnclosure, Model, Model, Model, Model,
 
 
 @kernel
-def enclose_rod_derivatives(
-    rho: float, rho_half_width: float, b: float, b_half_width: float
-) -> tuple[RodEnclosure, RodEnclosure]:
-    """Return the derivatives of tip and tip force by rho and by b over a box of loads, rho > 0."""
-    e = enclose_elliptic(rho, rho_half_width, b, b_half_width)
+def enclose_rod_derivatives(load: Model, b: Model) -> tuple[RodEnclosure, RodEnclosure, RodEnclosure]:
+    """Return tip and tip force of the unit rod at the loads rho = `load` > 0 and b, and their derivatives by these."""
+    e = enclose_elliptic(load, b)
     rod, cos_0, sin_0, along, across, nd = _enclose_rod(e)
     inverse, sn = reciprocal(e.rho), multiply(e.rho, e.sn_u)
     beta_u, cd = multiply(e.rho, across), multiply(e.cn, nd)
@@ -207,6 +212,7 @@ def enclose_rod_derivatives(
     by_b = _turn(along_b, across_b, cos_0, sin_0, rod, eta)
     double = scale(2.0, e.rho)
     return (
+        rod,
         RodEnclosure(
             by_rho[0],
             by_rho[1],
