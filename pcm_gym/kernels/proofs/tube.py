@@ -86,8 +86,7 @@ class Leg(NamedTuple):
     arm: tuple[Model, Model]  # from the end-effector's origin to the hinge
 
 
-@kernel
-def make_tube(leg_count: int, size: int) -> Tube:
+def new_tube(leg_count: int, size: int) -> Tube:
     """Return room for a tube of a mechanism with so many legs and a state of `size` numbers."""
     return Tube(
         np.zeros((size - leg_count, 2)),

@@ -1,9 +1,9 @@
-"""A proof that one branch of equilibria leads along a straight line in inputs and load from one state to another.
+"""A proof that one branch of equilibria leads along straight lines in inputs and load from one state to another.
 
-The line is divided into pieces, each with a tube around the branch (see `tube`). Where two tubes meet, the equilibrium
+Each line is divided into pieces, each with a tube around the branch (see `tube`). Where two tubes meet, the equilibrium
 of the first is proved to lie so near to a node, a state corrected by Newton's method, that it is inside of the second
-tube too: so they hold one and the same curve. In the same way the first and the last tube hold the states at both ends
-of the line. The matrix of the equations is regular in all tubes, so the Morse index is the same everywhere on the
+tube too: so they hold one and the same curve. In the same way the tubes at the ends of a line hold the states that are
+given there. The matrix of the equations is regular in all tubes, so the Morse index is the same everywhere on the
 curve. Pieces that cannot be proved are halved; where they become too short the proof ends, at a fold for one.
 """
 
@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.enumeration.found import POLISH_RULES
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, CARTESIAN_RHO, POLAR
 from pcm_gym.kernels.proofs.rod_cells import SLACK
-from pcm_gym.kernels.proofs.tube import Tube, bound_error, make_tube, prove_tube, set_error, set_values
+from pcm_gym.kernels.proofs.tube import Tube, bound_error, new_tube, prove_tube, set_error, set_values
 from pcm_gym.kernels.statics.closure import (
     Workspace,
     make_workspace,
@@ -27,11 +26,10 @@ from pcm_gym.kernels.statics.closure import (
 )
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.statics.stability import assess_stability
-from pcm_gym.kernels.statics.states import Point
 
-# How a proof ends: all is proved; the state at the start, or that at the end, is not the equilibrium that was found
-# there; the branch could not be proved any further; there were too many pieces.
-PROVED, WRONG_START, WRONG_END, STOPPED, TOO_LONG = range(5)
+# Where a proof stands: it goes on; all is proved; a given state is not the equilibrium that the branch comes to there;
+# the branch could not be proved any further; it was proved regular, and yet its index seemed to change.
+GOES_ON, PROVED, WRONG_STATE, STOPPED, WRONG_INDEX = range(5)
 
 _RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=12)
 # The shortest piece, as a fraction of the line.
@@ -43,12 +41,19 @@ _WANTED_PART, _GROWTH, _LEAST_CUT = 0.45, 3.0, 0.1
 _LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
 
 
+class Path(NamedTuple):
+    """Equilibria with straight lines in inputs and load between them."""
+
+    x: Array  # (m, size)
+    inputs: Array  # (m, legs)
+    load: Array  # (m, d)
+
+
 class Line(NamedTuple):
-    """A straight line in inputs and load, at the fraction t in [0, 1]."""
+    """One of the lines, at the fraction t in [0, 1]."""
 
     first: Array  # (legs + d,): inputs and load at its start
     change: Array  # (legs + d,)
-    leg_count: int
 
 
 class Node(NamedTuple):
@@ -61,9 +66,54 @@ class Node(NamedTuple):
     load: Array  # (d,)
 
 
-@kernel
-def _make_node(leg_count: int, size: int) -> Node:
+class Progress(NamedTuple):
+    """How far a proof has come."""
+
+    line: Integers  # (1,): the line that it is on; the branch is proved up to a node of it
+    tubes: Integers  # (1,)
+    index: Integers  # (1,): the Morse index at the start
+    step: Array  # (1,): length of the next piece
+    errors: Array  # (m,): bounds of the errors of the given states, relative to 1 + their size
+
+
+class Proof(NamedTuple):
+    """A proof on its way; all that it keeps from one piece to the next."""
+
+    progress: Progress
+    line: Line
+    nodes: tuple[Node, Node]  # the last one that is proved, and the one after it
+    tube: Tube
+    point: Tube  # for the values at a node
+    error: Array  # (size,): bound of the error of the first node
+    own_error: Array  # (size,): the same in the charts of the tube
+    charts: Integers  # (legs,): of the tube before
+
+
+def new_node(leg_count: int, size: int) -> Node:
+    """Return a node with nothing in it."""
     return Node(np.zeros(1), np.zeros(size), np.zeros(size), np.zeros(leg_count), np.zeros(size - 2 * leg_count))
+
+
+def new_proof(path: Path) -> Proof:
+    """Return a proof that has not begun."""
+    (count, size), leg_count = path.x.shape, path.inputs.shape[1]
+    progress = Progress(
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.ones(1),
+        np.full(count, np.inf),
+    )
+    return Proof(
+        progress,
+        Line(np.zeros(size - leg_count), np.zeros(size - leg_count)),
+        (new_node(leg_count, size), new_node(leg_count, size)),
+        new_tube(leg_count, size),
+        new_tube(leg_count, size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(leg_count, dtype=np.int64),
+    )
 
 
 @kernel
@@ -73,9 +123,18 @@ def _copy_node(node: Node, out: Node) -> None:
 
 
 @kernel
-def _set_node(legs: Array, line: Line, t: float, node: Node, work: Workspace) -> bool:
-    """Correct the node's state to the equilibrium near it at t; return whether that is found and regular."""
-    n = line.leg_count
+def _set_line(path: Path, number: int, line: Line) -> None:
+    """Let the line lead from an equilibrium of the path to the next."""
+    n = path.inputs.shape[1]
+    for k in range(line.first.shape[0]):
+        values, own = (path.inputs, k) if k < n else (path.load, k - n)
+        line.first[k], line.change[k] = values[number, own], values[number + 1, own] - values[number, own]
+
+
+@kernel
+def _correct_node(legs: Array, line: Line, t: float, node: Node, work: Workspace) -> bool:
+    """Correct the node's state to the equilibrium near it at t; return whether that is found."""
+    n = node.inputs.shape[0]
     node.t[0] = t
     for k in range(line.first.shape[0]):
         value = line.first[k] + t * line.change[k]
@@ -83,14 +142,18 @@ def _set_node(legs: Array, line: Line, t: float, node: Node, work: Workspace) ->
             node.inputs[k] = value
         else:
             node.load[k - n] = value
-    if solve_forward_locally(legs, node.inputs, node.load, node.x, _RULES, work) != CONVERGED:
-        return False
+    return solve_forward_locally(legs, node.inputs, node.load, node.x, _RULES, work) == CONVERGED
+
+
+@kernel
+def _set_rates(legs: Array, line: Line, node: Node, work: Workspace) -> bool:
+    """Fill in the derivatives of a node's state along the line; return whether there are any."""
+    n = node.inputs.shape[0]
     place(legs, node.x, node.inputs, work)
     set_path_derivative(legs, node.x, line.change[:n], line.change[n:], work, work.residual)
-    if not solve_equilibrium_system(legs, node.x, work.residual, work):
-        return False
+    is_regular = solve_equilibrium_system(legs, node.x, work.residual, work)
     node.x_t[:] = work.step
-    return True
+    return is_regular
 
 
 @kernel
@@ -123,14 +186,14 @@ def _set_curve(line: Line, nodes: tuple[Node, Node], tube: Tube) -> None:
     """Lay the tube's curve through two nodes, with their slopes, and choose the charts."""
     first, second = nodes
     size = first.x.shape[0]
-    for leg in range(line.leg_count):
+    for leg in range(tube.charts.shape[0]):
         tube.charts[leg] = POLAR if _least_rho(first, second, leg) >= CARTESIAN_RHO else CARTESIAN
     start, start_rate, end, end_rate = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     _set_own(first, tube.charts, start, start_rate)
     _set_own(second, tube.charts, end, end_rate)
     middle, half = _middle_and_half(first.t[0], second.t[0])
     for k in range(size):
-        if k < 2 * line.leg_count and k % 2 == 1 and tube.charts[k // 2] == POLAR:
+        if k < 2 * tube.charts.shape[0] and k % 2 == 1 and tube.charts[k // 2] == POLAR:
             end[k] -= 2.0 * math.pi * math.floor((end[k] - start[k]) / (2.0 * math.pi) + 0.5)
         gap, slopes, bend = end[k] - start[k], half * (end_rate[k] + start_rate[k]), end_rate[k] - start_rate[k]
         tube.curve[k, 0] = 0.5 * (start[k] + end[k]) - 0.25 * half * bend
@@ -223,82 +286,103 @@ def _state_error(node: Node, error: Array, charts: Integers, x: Array) -> float:
     return largest
 
 
-class _Way(NamedTuple):
-    """What a proof along a line keeps."""
-
-    nodes: tuple[Node, Node]
-    tube: Tube
-    point: Tube
-    error: Array
-    own_error: Array
-    charts: Integers  # those of the tube before
-
-
 @kernel
-def _prove_piece(legs: Array, line: Line, way: _Way, is_first: bool) -> tuple[bool, float, float]:
+def _prove_piece(legs: Array, proof: Proof) -> tuple[bool, float]:
     """Prove a tube between the nodes, and that it goes on from the one before.
 
-    Returns whether that is proved, how much of a radius comes back, and the error bound of the first node.
+    Returns whether that is proved, and how much of a radius comes back.
     """
-    tube = way.tube
-    _set_curve(line, way.nodes, tube)
+    tube, first = proof.tube, proof.nodes[0]
+    _set_curve(proof.line, proof.nodes, tube)
     is_proved, part = prove_tube(legs, tube)
     if not is_proved:
-        return False, part, math.inf
-    if is_first:
-        _bound_error_at(legs, line, tube, way.nodes[0], way.point, way.own_error)
+        return False, part
+    if proof.progress.tubes[0] == 0:
+        _bound_error_at(legs, proof.line, tube, first, proof.point, proof.own_error)
     else:
-        _in_charts(way.nodes[0], way.error, way.charts, tube.charts, way.own_error)
-    return _fits(way.own_error, tube), part, 0.0
+        _in_charts(first, proof.error, proof.charts, tube.charts, proof.own_error)
+    return _fits(proof.own_error, tube), part
 
 
 @kernel
-def prove_line(
-    legs: Array, start: Point, end: Point, most_pieces: int
-) -> tuple[int, float, int, int, float, float]:
-    """Prove that one branch leads along the straight line between two states, and that they are on it.
+def _take_piece(legs: Array, path: Path, proof: Proof) -> int:
+    """Keep what was proved of a piece, and check the given states at its ends; return where the proof stands."""
+    progress, (first, second), tube = proof.progress, proof.nodes, proof.tube
+    if progress.tubes[0] == 0:
+        progress.errors[0] = _state_error(first, proof.own_error, tube.charts, path.x[0])
+        if not progress.errors[0] < _LARGEST_ERROR:
+            return WRONG_STATE
+    progress.tubes[0] += 1
+    _bound_error_at(legs, proof.line, tube, second, proof.point, proof.error)
+    proof.charts[:] = tube.charts
+    _copy_node(second, first)
+    if first.t[0] < 1.0:
+        return GOES_ON
+    progress.line[0] += 1
+    number = progress.line[0]
+    progress.errors[number] = _state_error(first, proof.error, proof.charts, path.x[number])
+    if not progress.errors[number] < _LARGEST_ERROR:
+        return WRONG_STATE
+    return PROVED if number == path.x.shape[0] - 1 else GOES_ON
 
-    Returns how that ended, the fraction up to which it is proved, the number of tubes, the Morse index at the start,
-    and bounds of the errors of both states, relative to 1 + their size.
+
+@kernel
+def _begin(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+    node = proof.nodes[0]
+    _set_line(path, 0, proof.line)
+    node.x[:] = path.x[0]
+    if not (_correct_node(legs, proof.line, 0.0, node, work) and _set_rates(legs, proof.line, node, work)):
+        return STOPPED
+    proof.progress.index[0] = assess_stability(legs, node.x, work).morse_index
+    return GOES_ON
+
+
+@kernel
+def _turn_into_line(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+    """Go on along the next line from the last node, at its start now."""
+    node = proof.nodes[0]
+    _set_line(path, proof.progress.line[0], proof.line)
+    node.t[0], proof.progress.step[0] = 0.0, 1.0
+    return GOES_ON if _set_rates(legs, proof.line, node, work) else STOPPED
+
+
+@kernel
+def _try_piece(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+    """Try the next piece; return where the proof stands then."""
+    progress, (first, second) = proof.progress, proof.nodes
+    t, step = first.t[0], progress.step[0]
+    goal = t + step if step < (1.0 - t) * (1.0 - 1e-6) else 1.0
+    for j in range(first.x.shape[0]):
+        second.x[j] = first.x[j] + (goal - t) * first.x_t[j]
+    is_proved, part = False, math.inf
+    if _correct_node(legs, proof.line, goal, second, work) and _set_rates(legs, proof.line, second, work):
+        is_proved, part = _prove_piece(legs, proof)
+    if not is_proved:
+        progress.step[0] = (goal - t) * max(_LEAST_CUT, min(0.5, _WANTED_PART / part))
+        return GOES_ON if progress.step[0] >= _LEAST_PIECE else STOPPED
+    progress.step[0] = (goal - t) * min(_GROWTH, _WANTED_PART / part)
+    ending = _take_piece(legs, path, proof)
+    if ending == GOES_ON and goal == 1.0:
+        return _turn_into_line(legs, path, proof, work)
+    if ending == PROVED:
+        place(legs, first.x, first.inputs, work)
+        if assess_stability(legs, first.x, work).morse_index != progress.index[0]:
+            return WRONG_INDEX
+    return ending
+
+
+@kernel
+def prove_pieces(legs: Array, path: Path, proof: Proof, most: int) -> int:
+    """Prove that one branch leads along the lines of a path and through its states, trying at most so many pieces.
+
+    Returns where the proof stands; called again with the same `proof`, it goes on.
     """
-    leg_count, size = legs.shape[0], start.x.shape[0]
-    work = make_workspace(leg_count, size)
-    line = Line(np.empty(size - leg_count), np.empty(size - leg_count), leg_count)
-    for k in range(size - leg_count):
-        first = start.inputs[k] if k < leg_count else start.load[k - leg_count]
-        last = end.inputs[k] if k < leg_count else end.load[k - leg_count]
-        line.first[k], line.change[k] = first, last - first
-    nodes = (_make_node(leg_count, size), _make_node(leg_count, size))
-    charts = np.zeros(leg_count, dtype=np.int64)
-    way = _Way(nodes, make_tube(leg_count, size), make_tube(leg_count, size), np.zeros(size), np.zeros(size), charts)
-    nodes[0].x[:] = start.x
-    if not _set_node(legs, line, 0.0, nodes[0], work):
-        return WRONG_START, 0.0, 0, -1, math.inf, math.inf
-    index = assess_stability(legs, nodes[0].x, work).morse_index
-    t, step, pieces, start_error = 0.0, 1.0, 0, math.inf
-    for _ in range(most_pieces):
-        goal = t + step if step < (1.0 - t) * (1.0 - 1e-6) else 1.0
-        for j in range(size):
-            nodes[1].x[j] = nodes[0].x[j] + (goal - t) * nodes[0].x_t[j]
-        is_proved, part = False, math.inf
-        if _set_node(legs, line, goal, nodes[1], work):
-            is_proved, part, _ = _prove_piece(legs, line, way, pieces == 0)
-        if not is_proved:
-            step = (goal - t) * max(_LEAST_CUT, min(0.5, _WANTED_PART / part))
-            if step < _LEAST_PIECE:
-                return STOPPED, t, pieces, index, start_error, math.inf
-            continue
-        if pieces == 0:
-            start_error = _state_error(nodes[0], way.own_error, way.tube.charts, start.x)
-            if not start_error < _LARGEST_ERROR:
-                return WRONG_START, 0.0, 0, index, start_error, math.inf
-        pieces += 1
-        _bound_error_at(legs, line, way.tube, nodes[1], way.point, way.error)
-        way.charts[:] = way.tube.charts
-        if goal == 1.0:
-            end_error = _state_error(nodes[1], way.error, way.charts, end.x)
-            ending = PROVED if end_error < _LARGEST_ERROR else WRONG_END
-            return ending, 1.0, pieces, index, start_error, end_error
-        t, step = goal, (goal - t) * min(_GROWTH, _WANTED_PART / part)
-        _copy_node(nodes[1], nodes[0])
-    return TOO_LONG, t, pieces, index, start_error, math.inf
+    work = make_workspace(legs.shape[0], path.x.shape[1])
+    standing = GOES_ON
+    if proof.progress.tubes[0] == 0 and proof.progress.step[0] == 1.0:
+        standing = _begin(legs, path, proof, work)
+    for _ in range(most):
+        if standing != GOES_ON:
+            break
+        standing = _try_piece(legs, path, proof, work)
+    return standing
