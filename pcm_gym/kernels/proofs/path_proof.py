@@ -36,6 +36,8 @@ _RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=12)
 _LEAST_PIECE = 1e-10
 # A piece is as long as brings this part of a radius back, and at most so many times as long as the one before.
 _WANTED_PART, _GROWTH, _LEAST_CUT = 0.45, 3.0, 0.1
+# After a piece that failed the next ones are that much longer, and so much more each time.
+_FIRST_GROWTH, _MORE_GROWTH = 1.0, 1.3
 # A given state is right if no component of it is farther than the first from what Newton's method makes of it, and
 # none is proved to be wrong by no more than the second, relative to 1 + its size.
 _LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
@@ -72,7 +74,7 @@ class Progress(NamedTuple):
     line: Integers  # (1,): the line that it is on; the branch is proved up to a node of it
     tubes: Integers  # (1,)
     index: Integers  # (1,): the Morse index at the start
-    step: Array  # (1,): length of the next piece
+    step: Array  # (2,): length of the next piece, and how much longer than it the one after it may be
     errors: Array  # (m,): bounds of the errors of the given states, relative to 1 + their size
 
 
@@ -101,7 +103,7 @@ def new_proof(path: Path) -> Proof:
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
-        np.ones(1),
+        np.array([1.0, _GROWTH]),
         np.full(count, np.inf),
     )
     return Proof(
@@ -342,7 +344,7 @@ def _turn_into_line(legs: Array, path: Path, proof: Proof, work: Workspace) -> i
     """Go on along the next line from the last node, at its start now."""
     node = proof.nodes[0]
     _set_line(path, proof.progress.line[0], proof.line)
-    node.t[0], proof.progress.step[0] = 0.0, 1.0
+    node.t[0], proof.progress.step[0], proof.progress.step[1] = 0.0, 1.0, _GROWTH
     return GOES_ON if _set_rates(legs, proof.line, node, work) else STOPPED
 
 
@@ -359,8 +361,10 @@ def _try_piece(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
         is_proved, part = _prove_piece(legs, proof)
     if not is_proved:
         progress.step[0] = (goal - t) * max(_LEAST_CUT, min(0.5, _WANTED_PART / part))
+        progress.step[1] = _FIRST_GROWTH
         return GOES_ON if progress.step[0] >= _LEAST_PIECE else STOPPED
-    progress.step[0] = (goal - t) * min(_GROWTH, _WANTED_PART / part)
+    progress.step[0] = (goal - t) * min(progress.step[1], _WANTED_PART / part)
+    progress.step[1] = min(_GROWTH, _MORE_GROWTH * progress.step[1])
     ending = _take_piece(legs, path, proof)
     if ending == GOES_ON and goal == 1.0:
         return _turn_into_line(legs, path, proof, work)
