@@ -5,7 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcm_gym.kernels.proofs.path_proof import GOES_ON, PROVED, STOPPED, WRONG_INDEX, WRONG_STATE, Path, new_proof, prove_pieces
+from pcm_gym.kernels.proofs.path_proof import (
+    GOES_ON,
+    PROVED,
+    STOPPED,
+    WRONG_INDEX,
+    WRONG_STATE,
+    Path,
+    new_proof,
+    prove_pieces,
+)
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -25,10 +34,10 @@ _MESSAGES = {
 class PathCertificate:
     """What is proved of the branch along a path: straight lines in inputs and load between equilibria.
 
-    If the path is proved, there is a curve of equilibria over the whole of it, one at each place, smooth, without a fold
-    or a bifurcation; at each place it is the only one in a tube around it; the equilibria that were given are on it, up
-    to `error`; and so its Morse index is the same everywhere. Otherwise that is proved up to a place, and `reason`
-    says what is there.
+    If the path is proved, there is a curve of equilibria over the whole of it, one at each place, smooth, without a
+    fold or a bifurcation; at each place it is the only one in a tube around it; the equilibria that were given are on
+    it, up to `error`; and so its Morse index is the same everywhere. Otherwise that is proved up to a place, and
+    `reason` says what is there.
 
     The proof is a computation with enclosures, and holds for all numbers that round to those given. The lines are cut
     into pieces. On each, Krawczyk's test with a parameter proves that there is exactly one equilibrium in a tube around
@@ -40,9 +49,9 @@ class PathCertificate:
     Attributes
     ----------
     reason : str
-        Why the proof ends; empty if all is proved. "singular": no tube could be proved beyond this place, at a fold or a
-        bifurcation, or very near to one; "state": the equilibrium given at the end of this line (or at the start of the
-        path) is not the one to which the branch comes, or is wrong by more than rounding errors; "index": the index
+        Why the proof ends; empty if all is proved. "singular": no tube could be proved beyond this place, at a fold or
+        a bifurcation, or very near to one; "state": the equilibrium given at the end of this line (or at the start of
+        the path) is not the one to which the branch comes, or is wrong by more than rounding errors; "index": the index
         computed at both ends differs, though it is proved not to change; "limit": the search was broken off.
     line : int
         Number of the line in which the proof ends, the first being 0; of the last one if all is proved.
@@ -51,8 +60,8 @@ class PathCertificate:
     index : int
         Morse index of the branch.
     error : float
-        Bound of the errors of all given states as far as the proof goes: the largest difference of a component from that
-        of the true equilibrium, relative to 1 + its size; inf if none is proved.
+        Bound of the errors of all given states as far as the proof goes: the largest difference of a component from
+        that of the true equilibrium, relative to 1 + its size; inf if none is proved.
     tubes : int
         Number of pieces that were proved.
     """
@@ -122,7 +131,7 @@ def certify_path(mechanism: Mechanism, equilibria: Sequence[Equilibrium]) -> Pat
         _REASONS[standing],
         line,
         fraction,
-        int(progress.index[0]),
+        int(progress.morse_index[0]),
         float(known.max()) if len(known) else np.inf,
         int(progress.tubes[0]),
     )

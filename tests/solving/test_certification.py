@@ -84,6 +84,30 @@ class TestRandomProblems:
             assert proof.is_proved
             assert are_same(found, states)
 
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_states_that_are_wrong_on_purpose_never_come_back(self, seed: int) -> None:
+        """One number of a state, a load or the pose, is wrong by 1e-7 to 1e-1 of 1 + its size."""
+        rng = np.random.default_rng(seed)
+        states = states_of(certified(Problem(seed)))
+        for _ in range(10):
+            wrong = states.copy()
+            m, k = rng.integers(len(states)), rng.integers(6)
+            wrong[m, k] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-7.0, -1.0) * (1.0 + abs(wrong[m, k]))
+            found, proof = certified_from(Problem(seed), wrong)
+            assert proof.is_proved
+            assert proof.proved_count == len(states)
+            assert not np.any(np.all(found == wrong[m], axis=1))
+            assert are_same(found, states)
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_errors_of_states_are_bounded(self, seed: int) -> None:
+        """States that are wrong by 1e-10 stay, and the bound holds their errors; those of the solver are better."""
+        states = states_of(certified(Problem(seed)))
+        errors = 1e-10 * np.random.default_rng(seed).choice([-1.0, 1.0], states.shape) * (1.0 + np.abs(states))
+        found, proof = certified_from(Problem(seed), states + errors)
+        assert all(np.any(np.all(found == state, axis=1)) for state in states + errors)
+        assert 1e-10 * (1.0 - 1e-4) <= proof.error < 1e-5
+
     def test_equilibria_beyond_the_range_are_not_counted(self) -> None:
         for seed in SEEDS[:3]:
             found = certified(Problem(seed))

@@ -17,14 +17,25 @@ from pcm_gym.kernels.enumeration.cells import node_offset
 from pcm_gym.kernels.enumeration.found import POLISH_RULES
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
-from pcm_gym.kernels.proofs.krawczyk import Krawczyk, Proved, correct, is_proved, make_krawczyk, natural_width, prove
+from pcm_gym.kernels.proofs.krawczyk import (
+    POLAR,
+    Krawczyk,
+    Proved,
+    correct,
+    is_proved,
+    make_krawczyk,
+    natural_width,
+    prove,
+)
 from pcm_gym.kernels.proofs.rod_cells import (
     ACROSS,
     ALONG,
+    B_HALF,
     BAND_LEVEL,
     CENTER,
     REMAINDER,
     RHO,
+    RHO_HALF,
     ROWS,
     SLACK,
     SPREAD,
@@ -65,7 +76,10 @@ def prove_all(frames: Frames, starts: Array, proved: Proved) -> int:
     work = make_krawczyk()
     count = 0
     for n in range(starts.shape[0]):
-        count += prove(frames, starts[n].copy(), proved, work)
+        z = starts[n].copy()
+        if not correct(frames, z, work):
+            z[:] = starts[n]
+        count += prove(frames, z, proved, work)
     return count
 
 
@@ -284,6 +298,47 @@ def _look_for_equilibrium(frames: Frames, pair: Array, proved: Proved, work: Kra
         z[2 * leg], z[2 * leg + 1] = max(pair[leg, RHO], 0.0), pair[leg, B]
     if correct(frames, z, work):
         prove(frames, z, proved, work)
+
+
+@kernel
+def bound_state_errors(frames: Frames, proved: Proved, numbers: Integers, states: Array, errors: Array) -> None:
+    """Bound how far states (m, 6) are from the equilibria in the boxes with these numbers.
+
+    In `errors` (m,): the largest difference of a component, relative to 1 + its size.
+    """
+    work = make_krawczyk()
+    for m in range(numbers.shape[0]):
+        n, largest = numbers[m], 0.0
+        for leg in range(2):
+            box = work.box
+            _enclose_loads(proved, n, leg, box)
+            set_unit_models(box, work.models)
+            set_contribution(frames, leg, work.models, work.parts[leg])
+            load = box[RHO] * box[RHO]
+            reach = (2.0 * box[RHO] + box[RHO_HALF]) * box[RHO_HALF]
+            reach = (reach + (load + reach) * box[B_HALF]) * (1.0 + SLACK) + SLACK * load
+            for k, own in ((0, load * math.cos(box[B])), (1, -load * math.sin(box[B]))):
+                value = states[m, 2 * leg + k]
+                largest = max(largest, (abs(value - own) + reach) / (1.0 + abs(value)))
+        for d in range(2):  # the tip of the first leg
+            tip, value = work.parts[0, 2 + d], states[m, 4 + d]
+            largest = max(largest, (abs(value - tip[CENTER]) + tip[SPREAD]) / (1.0 + abs(value)))
+        errors[m] = largest * (1.0 + SLACK)
+
+
+@kernel
+def _enclose_loads(proved: Proved, n: int, leg: int, box: Array) -> None:
+    """Fill in a box of polar loads in which a rod's load is at a proved equilibrium."""
+    first, second = 2 * leg, 2 * leg + 1
+    center, error = proved.center[n], proved.error[n]
+    box[RHO], box[RHO_HALF], box[B], box[B_HALF] = center[first], error[first], center[second], error[second]
+    if proved.charts[n, leg] == POLAR:
+        return
+    load, reach = math.hypot(center[first], center[second]), math.hypot(error[first], error[second])
+    rho = math.sqrt(load)
+    box[RHO], box[B] = rho, math.atan2(-center[second], center[first])
+    box[RHO_HALF] = max(math.sqrt(load + reach) - rho, rho - math.sqrt(max(load - reach, 0.0))) + SLACK * (1.0 + rho)
+    box[B_HALF] = math.pi if reach >= load else math.asin(reach / load) + SLACK
 
 
 @kernel

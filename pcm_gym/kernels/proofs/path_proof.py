@@ -40,7 +40,7 @@ _WANTED_PART, _GROWTH, _LEAST_CUT = 0.45, 3.0, 0.1
 _FIRST_GROWTH, _MORE_GROWTH = 1.0, 1.3
 # A given state is right if no component of it is farther than the first from what Newton's method makes of it, and
 # none is proved to be wrong by no more than the second, relative to 1 + its size.
-_LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
+LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
 
 
 class Path(NamedTuple):
@@ -73,7 +73,7 @@ class Progress(NamedTuple):
 
     line: Integers  # (1,): the line that it is on; the branch is proved up to a node of it
     tubes: Integers  # (1,)
-    index: Integers  # (1,): the Morse index at the start
+    morse_index: Integers  # (1,): the Morse index at the start
     step: Array  # (2,): length of the next piece, and how much longer than it the one after it may be
     errors: Array  # (m,): bounds of the errors of the given states, relative to 1 + their size
 
@@ -120,8 +120,7 @@ def new_proof(path: Path) -> Proof:
 
 @kernel
 def _copy_node(node: Node, out: Node) -> None:
-    for source, target in zip(node, out):
-        target[:] = source
+    out.t[:], out.x[:], out.x_t[:], out.inputs[:], out.load[:] = node.t, node.x, node.x_t, node.inputs, node.load
 
 
 @kernel
@@ -222,7 +221,7 @@ def _set_parameters(line: Line, middle: float, half: float, tube: Tube) -> None:
 @kernel
 def _bound_error_at(legs: Array, line: Line, tube: Tube, node: Node, point: Tube, out: Array) -> None:
     """Bound how far the equilibrium of a proved tube is from a node at one of its ends; `point` is for the values."""
-    charts, size = tube.charts, out.shape[0]
+    size = out.shape[0]
     point.charts[:] = POLAR
     _set_own(node, point.charts, point.curve[:, 0], point.radius)
     point.curve[:, 1:] = 0.0
@@ -278,14 +277,22 @@ def _state_error(node: Node, error: Array, charts: Integers, x: Array) -> float:
     _in_charts(node, error, charts, cartesian, own)
     largest = 0.0
     for k in range(x.shape[0]):
-        gap = abs(x[k] - node.x[k])
+        gap, size = abs(x[k] - node.x[k]), 1.0 + abs(x[k])
         if k == 2 * charts.shape[0] + 2:  # a platform's angle is known up to full turns
             gap = abs(gap - 2.0 * math.pi * math.floor(gap / (2.0 * math.pi) + 0.5)) + SLACK * gap
-        size = 1.0 + abs(x[k])
-        if not (gap <= _LARGEST_GAP * size and own[k] < math.inf):
+        if not (gap <= LARGEST_GAP * _fair_size(node.x, charts.shape[0], k) and own[k] < math.inf):
             return math.inf
         largest = max(largest, (gap + own[k]) / size * (1.0 + SLACK))
     return largest
+
+
+@kernel
+def _fair_size(x: Array, leg_count: int, k: int) -> float:
+    """Return what a gap in a component of a state counts against: in taut rods the load across is small."""
+    if k >= 2 * leg_count or k % 2 == 0:
+        return 1.0 + abs(x[k])
+    load = math.hypot(x[k - 1], x[k])
+    return float((1.0 + load) * min(1.0, abs(math.atan2(-x[k], x[k - 1])) + math.exp(-math.sqrt(load))))
 
 
 @kernel
@@ -335,7 +342,7 @@ def _begin(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
     node.x[:] = path.x[0]
     if not (_correct_node(legs, proof.line, 0.0, node, work) and _set_rates(legs, proof.line, node, work)):
         return STOPPED
-    proof.progress.index[0] = assess_stability(legs, node.x, work).morse_index
+    proof.progress.morse_index[0] = assess_stability(legs, node.x, work).morse_index
     return GOES_ON
 
 
@@ -370,7 +377,7 @@ def _try_piece(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
         return _turn_into_line(legs, path, proof, work)
     if ending == PROVED:
         place(legs, first.x, first.inputs, work)
-        if assess_stability(legs, first.x, work).morse_index != progress.index[0]:
+        if assess_stability(legs, first.x, work).morse_index != progress.morse_index[0]:
             return WRONG_INDEX
     return ending
 

@@ -5,8 +5,9 @@ with any number of legs: the loads of its rods, each in its own chart (see `kraw
 curve, cubic in s, and half widths r around it. F(z, s) = 0 are the equations of `closure`; F along the curve and the
 Jacobian J over the tube are polynomials in s with remainders, so that what changes along the piece is not mistaken for
 what is unknown. Y is an approximate inverse of J at s = 0. If |Y F| + |1 - Y J| r < r in every component and at every
-s, then at every s there is exactly one equilibrium in the tube, J is regular there, and so the equilibria are one smooth
-curve (Krawczyk's test with a parameter; Neumaier, Interval methods for systems of equations, 1990, theorem 5.1.8).
+s, then at every s there is exactly one equilibrium in the tube, J is regular there, and so the equilibria are one
+smooth curve (Krawczyk's test with a parameter; Neumaier, Interval methods for systems of equations, 1990, theorem
+5.1.8).
 """
 
 import math
@@ -168,7 +169,7 @@ def _put(model: Model, out: Array) -> None:
 def _bound(row: Array) -> float:
     """Return the largest absolute value of a row (5,) over all s."""
     bound = abs(row[0] + 0.5 * row[2]) + abs(row[1]) + 0.5 * abs(row[2]) + abs(row[3]) + row[_REST]
-    return (bound + SLACK * (abs(row[0]) + abs(row[2]))) * (1.0 + SLACK)
+    return float((bound + SLACK * (abs(row[0]) + abs(row[2]))) * (1.0 + SLACK))
 
 
 @kernel
@@ -238,10 +239,7 @@ def set_values(legs: Array, tube: Tube) -> None:
     for leg in range(legs.shape[0]):
         placed = _place_leg(legs, leg, turn, tube)
         first, second = _unknown(tube, 2 * leg, 0.0), _unknown(tube, 2 * leg + 1, 0.0)
-        if tube.charts[leg] == POLAR:
-            own = enclose_rod_at(first, second)
-        else:
-            own = _slightly_loaded_rod(first, second)
+        own = enclose_rod_at(first, second) if tube.charts[leg] == POLAR else _slightly_loaded_rod(first, second)
         rod = _in_world(legs, leg, placed, own)
         _put(placed.clamp[0], values[2 * leg])
         _put(placed.clamp[1], values[2 * leg + 1])
@@ -348,7 +346,7 @@ def image(tube: Tube, r: Array, k: int) -> float:
     reach = tube.error[k]
     for j in range(r.shape[0]):
         reach += tube.contraction[k, j] * r[j]
-    return reach * (1.0 + SLACK)
+    return float(reach * (1.0 + SLACK))
 
 
 @kernel

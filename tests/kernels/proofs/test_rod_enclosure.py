@@ -14,7 +14,7 @@ from pcm_gym.kernels.proofs.rod_enclosure import (
     enclose_rod_derivatives,
     enclose_slightly_loaded,
 )
-from pcm_gym.kernels.proofs.taylor_models import Model
+from pcm_gym.kernels.proofs.taylor_models import Model, along_s, along_t
 from pcm_gym.kernels.rods.rod import rod
 from tests.reference.precise_rod import rod_by_elliptic_functions
 
@@ -105,7 +105,7 @@ def test_derivatives_hold_those_of_the_rod(relative: float) -> None:
         point = rod(g_x, g_y)
         by_gx = point.tip_x_gx, point.tip_y_gx, point.force_x_gx, point.force_y_gx
         by_gy = point.tip_x_gy, point.tip_y_gy, point.force_x_gy, point.force_y_gy
-        by_rho, by_b = enclose_rod_derivatives(*box)
+        _, by_rho, by_b = enclose_rod_derivatives(along_s(box[0], box[1], 0.0), along_t(box[2], box[3], 0.0))
         for x, y, rho_model, b_model in zip(by_gx, by_gy, by_rho, by_b, strict=True):
             along = 2.0 * rho * (x * math.cos(b) - y * math.sin(b))
             across = -rho * rho * (x * math.sin(b) + y * math.cos(b))
