@@ -1,4 +1,4 @@
-"""Proof that the equilibria of a mechanism with two legs, at given inputs, are all there are."""
+"""Proof that the equilibria of a mechanism with two legs, at given inputs or at a given pose, are all there are."""
 
 import math
 from dataclasses import dataclass
@@ -6,19 +6,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcm_gym.arrays import Array, Mask
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.proofs.certification import (
     Undecided,
+    bound_inverse_errors,
     bound_state_errors,
     find_open_pairs,
     make_undecided,
     prove_all,
     resolve,
+    set_inverse_state,
     set_state,
 )
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
 from pcm_gym.kernels.proofs.path_proof import LARGEST_GAP
-from pcm_gym.kernels.proofs.rod_cells import UnitCells, make_frames, make_unit_cells
+from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_inverse_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.solving.equilibrium import Equilibrium
 
@@ -149,15 +151,72 @@ def certify_forward(
         to be an equilibrium of the range, and all but one of what is proved to be the same, is left out.
     certificate : Certificate
     """
-    legs = mechanism.leg_table
-    frames = make_frames(legs, inputs, load)
+    legs, frames = mechanism.leg_table, make_frames(mechanism.leg_table, inputs, load)
+    outcome = _prove(frames, rho_max, states)
+    found = np.empty((len(outcome.numbers), mechanism.state_size))
+    for n, state in zip(outcome.numbers, found, strict=True):
+        set_state(legs, inputs, load, outcome.boxes.polar[n], state)
+        known = states[outcome.known[n]] if n in outcome.known else state
+        if _are_near(known, state):
+            state[:] = known
+    errors = np.zeros(len(found))
+    bound_state_errors(frames, outcome.proved, outcome.numbers, found, errors)
+    return np.concatenate([found, states[outcome.open]]), outcome.certificate(rho_max, errors)
+
+
+def certify_inverse(
+    mechanism: Mechanism, pose: Array, load: Array, rho_max: float, states: Array, inputs: Array
+) -> tuple[Array, Array, Certificate]:
+    """Prove a set of equilibria at a pose complete.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With two legs.
+    pose, load : array (2,)
+        In the kernels' units.
+    rho_max : float
+    states : array (m, 6)
+        The equilibria that are known.
+    inputs : array (m, 2)
+        Theirs, in the kernels' units.
+
+    Returns
+    -------
+    states, inputs, certificate
+        As of `certify_forward`, with the inputs.
+    """
+    legs, frames = mechanism.leg_table, make_inverse_frames(mechanism.leg_table, pose, load)
+    outcome = _prove(frames, rho_max, states)
+    found, own = np.empty((len(outcome.numbers), mechanism.state_size)), np.empty((len(outcome.numbers), 2))
+    for n, state, values in zip(outcome.numbers, found, own, strict=True):
+        set_inverse_state(legs, pose, load, outcome.boxes.polar[n], state, values)
+        if n in outcome.known:
+            known, known_inputs = states[outcome.known[n]], inputs[outcome.known[n]]
+            if _are_near(known, state) and _are_near(known_inputs, values):
+                state[:], values[:] = known, known_inputs
+    errors = np.zeros(len(found))
+    bound_inverse_errors(legs, pose, outcome.proved, outcome.numbers, found, own, errors)
+    certificate = outcome.certificate(rho_max, errors)
+    return np.concatenate([found, states[outcome.open]]), np.concatenate([own, inputs[outcome.open]]), certificate
+
+
+def _are_near(known: Array, found: Array) -> bool:
+    """Return whether a known state or its inputs are what Newton's method finds."""
+    return bool(np.all(np.abs(known - found) <= LARGEST_GAP * (1.0 + np.abs(found))))
+
+
+def _prove(frames: Frames, rho_max: float, states: Array) -> "_Outcome":
+    """Prove what can be proved of a set of equilibria."""
+    loads = _polar_loads(states)
     proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
-    prove_all(frames, _polar_loads(states), proved)
-    cells = _unit_cells(_LEVELS + sum(rho_max > load for load in _LARGE_LOADS), rho_max)
+    prove_all(frames, loads, proved)
+    levels = _LEVELS + sum(rho_max > load for load in _LARGE_LOADS)
+    first, second = (_unit_cells(levels, rho_max, int(kind)) for kind in frames.kinds)
     pairs = np.empty((_MOST_OPEN, 2), dtype=np.int64)
-    count = find_open_pairs(cells, frames, proved, pairs)
+    count = find_open_pairs((first, second), frames, proved, pairs)
     if count <= _MOST_OPEN:
-        is_finished = resolve(cells, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
+        is_finished = resolve(first, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
         regions = _undecided_regions(undecided, is_finished)
     else:
         regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
@@ -166,28 +225,43 @@ def certify_forward(
     is_border = ~(is_inside | is_outside)
     for center, error in zip(boxes.polar[is_border], boxes.polar_error[is_border], strict=True):
         regions.append(_region("rho_max", center - error, center + error))
-    known: dict[int, Array] = {}
-    for state, loads in zip(states, _polar_loads(states), strict=True):
-        owner = boxes.owner(loads)
+    owners = [boxes.owner(own) for own in loads]
+    known: dict[int, int] = {}
+    for m, owner in enumerate(owners):
         if owner is not None:
-            known.setdefault(owner, state)
-    unproved = [
-        state
-        for state, loads in zip(states, _polar_loads(states), strict=True)
-        if boxes.owner(loads) is None and any(region._contains_loads(loads) for region in regions)
+            known.setdefault(owner, m)
+    is_open = [
+        owner is None and any(r._contains_loads(own) for r in regions) for owner, own in zip(owners, loads, strict=True)
     ]
-    numbers = np.array([n for n in range(len(boxes.center)) if is_inside[n] or (is_border[n] and n in known)], np.int64)
-    found = np.empty((len(numbers), mechanism.state_size))
-    for n, state in zip(numbers, found, strict=True):
-        set_state(legs, inputs, load, boxes.polar[n], state)
-        if n in known and np.all(np.abs(known[n] - state) <= LARGEST_GAP * (1.0 + np.abs(state))):
-            state[:] = known[n]
-    errors = np.zeros(len(numbers))
-    bound_state_errors(frames, proved, numbers, found, errors)
-    certificate = Certificate(
-        rho_max, int(is_inside.sum()), tuple(regions), int(undecided.examined[0]), float(errors.max(initial=0.0))
+    numbers = [n for n in range(len(is_inside)) if is_inside[n] or (is_border[n] and n in known)]
+    return _Outcome(
+        proved,
+        boxes,
+        tuple(regions),
+        np.array(numbers, dtype=np.int64),
+        known,
+        np.array(is_open, dtype=bool),
+        int(is_inside.sum()),
+        int(undecided.examined[0]),
     )
-    return np.concatenate([found, np.reshape(unproved, (-1, mechanism.state_size))]), certificate
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """What was proved of a set of equilibria."""
+
+    proved: Proved
+    boxes: "_Boxes"
+    regions: tuple[UndecidedRegion, ...]
+    numbers: Integers  # the boxes in the range, or at its border and known
+    known: dict[int, int]  # the first known state in each box that has one
+    open: Mask  # (m,): the known states that may be equilibria, in undecided regions
+    count: int
+    examined: int
+
+    def certificate(self, rho_max: float, errors: Array) -> Certificate:
+        """Return the certificate, with bounds of the errors of all states that are returned."""
+        return Certificate(rho_max, self.count, self.regions, self.examined, float(errors.max(initial=0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,8 +314,8 @@ class _Boxes:
 
 
 @lru_cache(maxsize=2)
-def _unit_cells(levels: int, rho_max: float) -> UnitCells:
-    return make_unit_cells(levels, rho_max)
+def _unit_cells(levels: int, rho_max: float, kind: int) -> UnitCells:
+    return make_unit_cells(levels, rho_max, kind)
 
 
 def _polar_loads(states: Array) -> Array:

@@ -19,7 +19,7 @@ from pcm_gym.kernels.enumeration.inverse_search import find_combinations, polish
 from pcm_gym.kernels.enumeration.sheets import Sheets, make_sheets
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import one_of, positive_number
-from pcm_gym.solving.certification import Certificate, certify_forward
+from pcm_gym.solving.certification import Certificate, certify_forward, certify_inverse
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.solutions import EquilibriumSet
 
@@ -82,8 +82,7 @@ def solve_forward(
     tabulates the rod for this `rho_max`, 0.1 s to 2 s.
     """
     inputs = mechanism.check_inputs(inputs)
-    if certify and mechanism.leg_count != 2:
-        raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
+    _check_certify(mechanism, certify)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_inputs(inputs), mechanism.leg_table
     sheets = _sheets(problem.rho_max, problem.refinement)
@@ -118,7 +117,7 @@ def solve_inverse(
     load, rho_max, modes, refinement
         As for `solve_forward`.
     certify : bool
-        Only for the forward problem: True raises.
+        Whether to prove that the set is complete (two legs only); the `certificate` of the set says what is proved.
 
     Returns
     -------
@@ -129,7 +128,7 @@ def solve_inverse(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range.
+        If an argument has the wrong shape, is not finite or out of range, or a proof is asked for more than two legs.
 
     Notes
     -----
@@ -137,8 +136,7 @@ def solve_inverse(
     may then turn any way. A pose out of reach gives an empty set.
     """
     pose = mechanism.check_pose(pose)
-    if certify:
-        raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
+    _check_certify(mechanism, certify)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     scaled, legs = mechanism.units.kernel_from_pose(pose), mechanism.leg_table
     unit = _unit_rod(problem.rho_max, problem.refinement)
@@ -146,8 +144,18 @@ def solve_inverse(
     cells, starts = problem.filled(find, (mechanism.leg_count, np.int64), (2 * mechanism.leg_count, np.float64))
     found = problem.room(is_inverse=True)
     count = polish_combinations(legs, scaled, problem.scaled_load, unit, cells, starts, found)
-    own_inputs = mechanism.units.inputs_from_kernel(found.inputs[:count])
-    return problem.solutions(found.x[:count], own_inputs, _out_of_reach(mechanism, pose))
+    states, inputs, certificate = found.x[:count], found.inputs[:count], None
+    if certify:
+        states, inputs, certificate = certify_inverse(
+            mechanism, scaled, problem.scaled_load, problem.rho_max, states, inputs
+        )
+    own_inputs = mechanism.units.inputs_from_kernel(inputs)
+    return problem.solutions(states, own_inputs, _out_of_reach(mechanism, pose), certificate)
+
+
+def _check_certify(mechanism: Mechanism, certify: bool) -> None:
+    if certify and mechanism.leg_count != 2:
+        raise ValueError(f"certify is available for two legs, got {mechanism.leg_count}")
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""A proof that a set of equilibria of a two-legged mechanism is complete, at given inputs.
+"""A proof that a set of equilibria of a two-legged mechanism is complete, at given inputs or at a given pose.
 
 The loads of both rods are searched by branch and bound with the rigorous models of `rod_cells`. A pair of cells, one of
 each rod, is excluded where the affine models of what the legs add to the equations, combined by any numbers, cannot sum
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.enumeration.cells import node_offset
+from pcm_gym.kernels.enumeration.cells import node_offset, reaching_input
 from pcm_gym.kernels.enumeration.found import POLISH_RULES
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
@@ -33,6 +33,7 @@ from pcm_gym.kernels.proofs.rod_cells import (
     B_HALF,
     BAND_LEVEL,
     CENTER,
+    PLACED,
     REMAINDER,
     RHO,
     RHO_HALF,
@@ -45,8 +46,19 @@ from pcm_gym.kernels.proofs.rod_cells import (
     set_contribution,
     set_unit_models,
 )
-from pcm_gym.kernels.statics.closure import TIP_X, evaluate_rods, make_workspace, set_inputs
-from pcm_gym.kernels.statics.newton import CONVERGED, solve_forward_locally
+from pcm_gym.kernels.rods.rod import rod
+from pcm_gym.kernels.statics.closure import (
+    BASE_X,
+    BASE_Y,
+    CLAMP_ANGLE,
+    LENGTH,
+    TIP_X,
+    TURN,
+    evaluate_rods,
+    make_workspace,
+    set_inputs,
+)
+from pcm_gym.kernels.statics.newton import CONVERGED, solve_forward_locally, solve_inverse_locally
 
 # A pair of cells is split until its loads are known so well, relative to `natural_width`.
 _LEAST_CELL = 1e-7
@@ -135,16 +147,18 @@ def _narrow(first: Array, second: Array, work: Krawczyk) -> bool:
 
 
 @kernel
-def find_open_pairs(cells: UnitCells, frames: Frames, proved: Proved, pairs: Integers) -> int:
+def find_open_pairs(tables: tuple[UnitCells, UnitCells], frames: Frames, proved: Proved, pairs: Integers) -> int:
     """Find the pairs of leaves that may hold an equilibrium outside the proved boxes; return how many there are.
 
-    They are put into `pairs` (m, 2); if there are more than fit, only one more than fit is counted.
+    `tables` are those of both legs, with the same cells. The pairs are put into `pairs` (m, 2); if there are more than
+    fit, only one more than fit is counted.
     """
+    cells = tables[0]
     nodes, levels = cells.boxes.shape[0], cells.levels
     parts = np.empty((2, nodes, ROWS, 5))
     for leg in range(2):
         for node in range(nodes):
-            set_contribution(frames, leg, cells.models[node], parts[leg, node])
+            set_contribution(frames, leg, tables[leg].models[node], parts[leg, node])
     work = make_krawczyk()
     stack = np.empty((16 * (levels + 2), 3), dtype=np.int64)
     top = 0
@@ -207,7 +221,7 @@ def _examine(frames: Frames, stack: Array, top: int, proved: Proved, undecided: 
     if is_proved(proved, pair[0], pair[1]):
         return -1
     for leg in range(2):
-        set_unit_models(pair[leg], work.models)
+        set_unit_models(pair[leg], frames.kinds[leg], work.models)
         set_contribution(frames, leg, work.models, work.parts[leg])
     if not _may_touch(work.parts[0], work.parts[1]) or not _narrow(work.parts[0], work.parts[1], work):
         return -1
@@ -302,28 +316,72 @@ def _look_for_equilibrium(frames: Frames, pair: Array, proved: Proved, work: Kra
 
 @kernel
 def bound_state_errors(frames: Frames, proved: Proved, numbers: Integers, states: Array, errors: Array) -> None:
-    """Bound how far states (m, 6) are from the equilibria in the boxes with these numbers.
+    """Bound how far states (m, 6) are from the equilibria in the boxes with these numbers, at given inputs.
 
     In `errors` (m,): the largest difference of a component, relative to 1 + its size.
     """
     work = make_krawczyk()
     for m in range(numbers.shape[0]):
-        n, largest = numbers[m], 0.0
-        for leg in range(2):
-            box = work.box
-            _enclose_loads(proved, n, leg, box)
-            set_unit_models(box, work.models)
-            set_contribution(frames, leg, work.models, work.parts[leg])
-            load = box[RHO] * box[RHO]
-            reach = (2.0 * box[RHO] + box[RHO_HALF]) * box[RHO_HALF]
-            reach = (reach + (load + reach) * box[B_HALF]) * (1.0 + SLACK) + SLACK * load
-            for k, own in ((0, load * math.cos(box[B])), (1, -load * math.sin(box[B]))):
-                value = states[m, 2 * leg + k]
-                largest = max(largest, (abs(value - own) + reach) / (1.0 + abs(value)))
+        errors[m] = _bound_load_errors(proved, numbers[m], states[m], work.box)
+        _enclose_loads(proved, numbers[m], 0, work.box)
+        set_unit_models(work.box, PLACED, work.models)
+        set_contribution(frames, 0, work.models, work.parts[0])
         for d in range(2):  # the tip of the first leg
-            tip, value = work.parts[0, 2 + d], states[m, 4 + d]
-            largest = max(largest, (abs(value - tip[CENTER]) + tip[SPREAD]) / (1.0 + abs(value)))
-        errors[m] = largest * (1.0 + SLACK)
+            tip = work.parts[0, 2 + d]
+            errors[m] = max(errors[m], _relative_error(states[m, 4 + d], tip[CENTER], tip[SPREAD]))
+
+
+@kernel
+def bound_inverse_errors(
+    legs: Array, pose: Array, proved: Proved, numbers: Integers, states: Array, inputs: Array, errors: Array
+) -> None:
+    """Do what `bound_state_errors` does for states and inputs (m, 2) at a given pose; angles up to full turns."""
+    work = make_krawczyk()
+    for m in range(numbers.shape[0]):
+        errors[m] = _bound_load_errors(proved, numbers[m], states[m], work.box)
+        for d in range(2):
+            errors[m] = max(errors[m], _relative_error(states[m, 4 + d], pose[d], 0.0))
+        for leg in range(2):
+            _enclose_loads(proved, numbers[m], leg, work.box)
+            set_unit_models(work.box, PLACED, work.models)
+            x, x_reach = _center_and_spread(work.models[2])
+            y, y_reach = _center_and_spread(work.models[3])
+            own, reach, value = reaching_input(legs, leg, pose[0], pose[1], x, y), x_reach + y_reach, inputs[m, leg]
+            if legs[leg, TURN] != 0.0:
+                size = math.hypot(x, y)
+                reach = math.asin(reach / size) if reach < size else math.inf
+                value -= 2.0 * math.pi * math.floor((value - own) / (2.0 * math.pi) + 0.5)
+            else:
+                reach *= legs[leg, LENGTH]
+            data = abs(legs[leg, CLAMP_ANGLE]) + abs(legs[leg, BASE_X]) + abs(legs[leg, BASE_Y]) + legs[leg, LENGTH]
+            reach += 10.0 * SLACK * (1.0 + data + abs(pose[0]) + abs(pose[1]) + abs(value))
+            errors[m] = max(errors[m], _relative_error(value, own, reach))
+
+
+@kernel
+def _center_and_spread(model: Array) -> tuple[float, float]:
+    return model[CENTER], abs(model[ALONG]) + abs(model[ACROSS]) + model[REMAINDER]
+
+
+@kernel
+def _relative_error(value: float, own: float, reach: float) -> float:
+    """Bound how far a value is from one that is within `reach` of `own`, relative to 1 + its size; inf for nan."""
+    error = (abs(value - own) + reach) / (1.0 + abs(value)) * (1.0 + SLACK)
+    return error if error >= 0.0 else math.inf
+
+
+@kernel
+def _bound_load_errors(proved: Proved, n: int, state: Array, box: Array) -> float:
+    """Bound how far the loads of a state are from those of a proved equilibrium, relative to 1 + their size."""
+    largest = 0.0
+    for leg in range(2):
+        _enclose_loads(proved, n, leg, box)
+        load = box[RHO] * box[RHO]
+        reach = (2.0 * box[RHO] + box[RHO_HALF]) * box[RHO_HALF]
+        reach = (reach + (load + reach) * box[B_HALF]) * (1.0 + SLACK) + SLACK * load
+        largest = max(largest, _relative_error(state[2 * leg], load * math.cos(box[B]), reach))
+        largest = max(largest, _relative_error(state[2 * leg + 1], -load * math.sin(box[B]), reach))
+    return largest
 
 
 @kernel
@@ -345,12 +403,35 @@ def _enclose_loads(proved: Proved, n: int, leg: int, box: Array) -> None:
 def set_state(legs: Array, inputs: Array, load: Array, z: Array, x: Array) -> bool:
     """Put the equilibrium near the polar loads z into the state x (6,); return whether Newton's method converged."""
     work = make_workspace(2, 6)
-    for leg in range(2):
-        rho, b = z[2 * leg], z[2 * leg + 1]
-        x[2 * leg], x[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)
+    _set_loads(z, x)
     set_inputs(legs, inputs, work)
     x[4:] = 0.0
     evaluate_rods(legs, x, work)
     for d in range(2):  # between the tips of the two rods
         x[4 + d] = 0.5 * (work.clamps[0, d] + work.rods[0, TIP_X + d] + work.clamps[1, d] + work.rods[1, TIP_X + d])
     return solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED
+
+
+@kernel
+def set_inverse_state(legs: Array, pose: Array, load: Array, z: Array, x: Array, inputs: Array) -> bool:
+    """Put the equilibrium at a pose near the polar loads z into the state x (6,) and the inputs (2,); as `set_state`.
+
+    Angles are brought into (-pi, pi].
+    """
+    _set_loads(z, x)
+    x[4:] = pose
+    for leg in range(2):
+        point = rod(x[2 * leg], x[2 * leg + 1])
+        inputs[leg] = reaching_input(legs, leg, pose[0], pose[1], point.tip_x, point.tip_y)
+    is_found = solve_inverse_locally(legs, inputs, load, x, POLISH_RULES, make_workspace(2, 6)) == CONVERGED
+    for leg in range(2):
+        if legs[leg, TURN] != 0.0:
+            inputs[leg] += 2.0 * math.pi * math.floor(0.5 - inputs[leg] / (2.0 * math.pi))
+    return is_found
+
+
+@kernel
+def _set_loads(z: Array, x: Array) -> None:
+    for leg in range(2):
+        rho, b = z[2 * leg], z[2 * leg + 1]
+        x[2 * leg], x[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)

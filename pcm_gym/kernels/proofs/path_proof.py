@@ -290,7 +290,7 @@ def _state_error(node: Node, error: Array, charts: Integers, x: Array) -> float:
 def _fair_size(x: Array, leg_count: int, k: int) -> float:
     """Return what a gap in a component of a state counts against: in taut rods the load across is small."""
     if k >= 2 * leg_count or k % 2 == 0:
-        return 1.0 + abs(x[k])
+        return float(1.0 + abs(x[k]))
     load = math.hypot(x[k - 1], x[k])
     return float((1.0 + load) * min(1.0, abs(math.atan2(-x[k], x[k - 1])) + math.exp(-math.sqrt(load))))
 

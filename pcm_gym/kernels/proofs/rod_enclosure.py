@@ -210,24 +210,46 @@ def _enclose_rod(e: Elliptic) -> tuple[RodEnclosure, Model, Model, Model, Model,
     return enclosure, cos_0, sin_0, along, across, nd
 
 
+class _Rates(NamedTuple):
+    """Derivatives of X and Y over the length, and of beta0."""
+
+    along_rho: Model
+    across_rho: Model
+    along_b: Model
+    across_b: Model
+    beta_u: Model
+    eta: Model
+
+
 @kernel
-def enclose_rod_derivatives(load: Model, b: Model) -> tuple[RodEnclosure, RodEnclosure, RodEnclosure]:
-    """Return tip and tip force of the unit rod at the loads rho = `load` > 0 and b, and their derivatives by these."""
-    e = enclose_elliptic(load, b)
-    rod, cos_0, sin_0, along, across, nd = _enclose_rod(e)
+def _enclose_rates(e: Elliptic, cos_0: Model, sin_0: Model, along: Model, across: Model, nd: Model) -> _Rates:
     inverse, sn = reciprocal(e.rho), multiply(e.rho, e.sn_u)
-    beta_u, cd = multiply(e.rho, across), multiply(e.cn, nd)
-    m_c = multiply(e.m, e.mean)
+    cd, m_c = multiply(e.cn, nd), multiply(e.m, e.mean)
     eta = add(e.cn, multiply(multiply(multiply(sn, nd), e.rho), m_c))
     # d Y / d b, as d eta / d u over rho
     bend = multiply(multiply(m_c, cd), nd)
     across_b = add(
         subtract(bend, multiply(e.sn_u, e.dn)), multiply(multiply(e.m, e.sn_u), multiply(nd, multiply(e.cn, e.cn)))
     )
-    along_b = scale(-0.5, add(multiply(across, eta), e.sin_b))
-    along_rho, across_rho = multiply(subtract(cos_0, along), inverse), multiply(subtract(sin_0, across), inverse)
-    by_rho = _turn(along_rho, across_rho, cos_0, sin_0, rod, beta_u)
-    by_b = _turn(along_b, across_b, cos_0, sin_0, rod, eta)
+    return _Rates(
+        multiply(subtract(cos_0, along), inverse),
+        multiply(subtract(sin_0, across), inverse),
+        scale(-0.5, add(multiply(across, eta), e.sin_b)),
+        across_b,
+        multiply(e.rho, across),
+        eta,
+    )
+
+
+@kernel
+def enclose_rod_derivatives(load: Model, b: Model) -> tuple[RodEnclosure, RodEnclosure, RodEnclosure]:
+    """Return tip and tip force of the unit rod at the loads rho = `load` > 0 and b, and their derivatives by these."""
+    e = enclose_elliptic(load, b)
+    rod, cos_0, sin_0, along, across, nd = _enclose_rod(e)
+    rates = _enclose_rates(e, cos_0, sin_0, along, across, nd)
+    beta_u, eta = rates.beta_u, rates.eta
+    by_rho = _turn(rates.along_rho, rates.across_rho, cos_0, sin_0, rod, beta_u)
+    by_b = _turn(rates.along_b, rates.across_b, cos_0, sin_0, rod, eta)
     double = scale(2.0, e.rho)
     return (
         rod,
@@ -238,6 +260,48 @@ def enclose_rod_derivatives(load: Model, b: Model) -> tuple[RodEnclosure, RodEnc
             subtract(scale(-1.0, multiply(double, sin_0)), multiply(rod.force_x, beta_u)),
         ),
         RodEnclosure(by_b[0], by_b[1], multiply(rod.force_y, eta), scale(-1.0, multiply(rod.force_x, eta))),
+    )
+
+
+class Turnable(NamedTuple):
+    """What a rod does whatever the direction of its clamp: p the tip from the clamp, f the tip force."""
+
+    dot: Model  # p . f
+    cross: Model  # p x f
+    square: Model  # |p|^2
+
+
+@kernel
+def enclose_turnable(load: Model, b: Model) -> Turnable:
+    """Return p . f, p x f and |p|^2 of the unit rod at the loads of two models."""
+    e = enclose_elliptic(load, b)
+    _, _, _, along, across, _ = _enclose_rod(e)
+    square = multiply(e.rho, e.rho)
+    return Turnable(
+        multiply(square, along),
+        scale(-1.0, multiply(square, across)),
+        add(multiply(along, along), multiply(across, across)),
+    )
+
+
+@kernel
+def enclose_turnable_derivatives(load: Model, b: Model) -> tuple[Turnable, Turnable]:
+    """Return the derivatives of p . f, p x f and |p|^2 of the unit rod by rho = `load` > 0 and by b."""
+    e = enclose_elliptic(load, b)
+    _, cos_0, sin_0, along, across, nd = _enclose_rod(e)
+    rates = _enclose_rates(e, cos_0, sin_0, along, across, nd)
+    square = multiply(e.rho, e.rho)
+    return (
+        Turnable(
+            multiply(e.rho, add(along, cos_0)),
+            scale(-1.0, multiply(e.rho, add(across, sin_0))),
+            scale(2.0, add(multiply(along, rates.along_rho), multiply(across, rates.across_rho))),
+        ),
+        Turnable(
+            multiply(square, rates.along_b),
+            scale(-1.0, multiply(square, rates.across_b)),
+            scale(2.0, add(multiply(along, rates.along_b), multiply(across, rates.across_b))),
+        ),
     )
 
 
