@@ -163,6 +163,16 @@ class TestFolds:
         assert step.certificate is not None
         assert step.certificate.is_proved
 
+    @pytest.mark.parametrize("family", FAMILIES)
+    def test_a_path_that_begins_at_a_fold_or_at_no_equilibrium_says_which(self, family: str) -> None:
+        rng = np.random.default_rng(6)
+        walk = next(walk for walk in random_walks(family, 200, rng) if walk.event == Event.FOLD)
+        before, fold = walk.equilibria[-2:]
+        assert certify_path(fold.mechanism, [fold, before]).reason == "singular"
+        no_equilibrium = Equilibrium(before.mechanism, before.state + 5.0, before.inputs, before.load)
+        proof = certify_path(before.mechanism, [no_equilibrium, before])
+        assert (proof.reason, proof.line, proof.fraction) == ("state", 0, 0.0)
+
 
 class TestSpecialStates:
     @pytest.mark.parametrize("force", [0.0, 3.0])

@@ -22,6 +22,7 @@ from pcm_gym.kernels.statics.closure import (
     make_workspace,
     place,
     set_path_derivative,
+    set_residual,
     solve_equilibrium_system,
 )
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally
@@ -41,6 +42,8 @@ _FIRST_GROWTH, _MORE_GROWTH = 1.0, 1.3
 # A given state is right if no component of it is farther than the first from what Newton's method makes of it, and
 # none is proved to be wrong by no more than the second, relative to 1 + its size.
 LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
+# A start from which Newton's method fails is singular, if its residual is below this, or no equilibrium.
+_LARGEST_RESIDUAL = 1e-8
 
 
 class Path(NamedTuple):
@@ -337,11 +340,14 @@ def _take_piece(legs: Array, path: Path, proof: Proof) -> int:
 
 @kernel
 def _begin(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+    """Set the first node; return where the proof stands."""
     node = proof.nodes[0]
     _set_line(path, 0, proof.line)
+    place(legs, path.x[0], path.inputs[0], work)
+    is_equilibrium = max(set_residual(legs, path.x[0], path.load[0], work)) < _LARGEST_RESIDUAL
     node.x[:] = path.x[0]
     if not (_correct_node(legs, proof.line, 0.0, node, work) and _set_rates(legs, proof.line, node, work)):
-        return STOPPED
+        return STOPPED if is_equilibrium else WRONG_STATE
     proof.progress.morse_index[0] = assess_stability(legs, node.x, work).morse_index
     return GOES_ON
 
