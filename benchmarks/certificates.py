@@ -50,7 +50,8 @@ def try_paths(name: str, paths: int, mutations: int, seed: int, advance: Callabl
     starts = random_starts(mechanism, rng)
     walk = random_walk(next(starts), rng)
     certify_path(mechanism, walk.equilibria[:2])  # compiled before anything is timed
-    while tally.paths < paths or sum(tally.mutations.values()) < mutations:
+    each = -(-mutations // len(MUTATIONS))
+    while tally.paths < paths or any(tally.mutations[kind] < each for kind in MUTATIONS):
         walk = random_walk(next(starts), rng)
         if walk.event == Event.NONE and tally.paths < paths:
             began = time.process_time()
@@ -68,15 +69,13 @@ def try_paths(name: str, paths: int, mutations: int, seed: int, advance: Callabl
             advance()
         elif walk.event != Event.NONE:
             tally.with_event += 1
-        _try_mutations(tally, mutations, walk, rng, advance)
+        _try_mutations(tally, each, walk, rng, advance)
     return tally
 
 
-def _try_mutations(tally: Tally, most: int, walk: Walk, rng: np.random.Generator, advance: Callable[[], None]) -> None:
+def _try_mutations(tally: Tally, each: int, walk: Walk, rng: np.random.Generator, advance: Callable[[], None]) -> None:
     mechanism = get_mechanism(tally.mechanism)
-    for kind in MUTATIONS:
-        if sum(tally.mutations.values()) >= most:
-            return
+    for kind in (kind for kind in MUTATIONS if tally.mutations[kind] < each):
         path = mutated(walk, kind, rng)
         if path is not None:
             tally.mutations[kind] += 1
