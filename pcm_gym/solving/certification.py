@@ -75,9 +75,9 @@ class UndecidedRegion:
 class Certificate:
     """What is proved of the number of equilibria with every rod's rho <= rho_max.
 
-    If nothing is undecided, the mechanism has exactly `proved_count` equilibria in the range, each in a box of its own
-    that holds no other, and the set to which this belongs is they (before a choice of modes). Otherwise that is proved
-    of everything outside the undecided regions.
+    If nothing is undecided, the mechanism has exactly `proved_count` equilibria in the range, at the inputs or at the
+    pose that was asked about, each in a box of its own that holds no other, and the set to which this belongs is they
+    (before a choice of modes), up to `error`. Otherwise that is proved of everything outside the undecided regions.
 
     The proof is a computation with enclosures: every part of the plane of loads of either rod is covered by cells, and
     each pair of cells is excluded by rigorous bounds of the closed form of the rods, or lies in a box in which the test
