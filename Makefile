@@ -45,6 +45,10 @@ demo: $(RUN_STAMP) ## Train the demonstration agent, then evaluate it: a table h
 test: lint ## Everything that must hold: linters, types, import contracts, tests
 	OMP_NUM_THREADS=1 $(IN_VENV) pytest -n 2 $(PYTEST_ARGS)
 
+.PHONY: bounds
+bounds: $(TEST_STAMP) ## Try every door with bounds checks in compiled code, which is compiled for that first: many minutes
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.bounds-cache OMP_NUM_THREADS=1 $(IN_VENV) tests.boundary
+
 .PHONY: lint
 lint: $(TEST_STAMP) ## The checks without the tests
 	$(IN_VENV) ruff check .
@@ -119,5 +123,5 @@ constraints: ## Choose the newest versions that fit and write them to constraint
 
 .PHONY: clean
 clean: ## Remove the environment, builds and caches; the runs stay
-	rm -rf $(VENV) .venv-constraints build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache docs/_build
+	rm -rf $(VENV) .venv-constraints build dist .hypothesis .import_linter_cache .bounds-cache .mypy_cache .pytest_cache .ruff_cache docs/_build
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

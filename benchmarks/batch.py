@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
-import numba
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
@@ -17,6 +16,7 @@ from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.layout import LANES, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane
 from pcm_gym.kernels.lockstep.verdicts import judge_block
+from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.threads import default_thread_count
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.report import Moves, empty_report
@@ -109,7 +109,7 @@ def memory_per_environment(environment_id: str) -> Measure:
     return lambda: {"bytes": (held(2 * _ROWS) - held(_ROWS)) / _ROWS}
 
 
-@numba.njit(error_model="numpy")
+@kernel
 def _in_blocks(legs: Any, states: Any, targets: Any, refused: Any, verdicts: int) -> None:
     """Take every row to its target in lock-step without keeping it, or only judge it again `verdicts` times."""
     block, dof = make_block(legs.shape[0]), states.load.shape[1]

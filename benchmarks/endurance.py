@@ -78,7 +78,7 @@ class Tally:
     cases: list[Case] = field(default_factory=list)
 
     def per_100_000(self, event: Event) -> float:
-        return 1e5 * self.events[event.value] / max(self.steps, 1)
+        return 1e5 * self.events[str(event)] / max(self.steps, 1)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures, as JSON takes them."""
@@ -120,7 +120,7 @@ def endure(
         _, _, terminated, truncated, infos = outcome = env.step(actions.astype(np.float32))
         tally.steps += _ROWS
         tally.unstable_steps += int((infos["index"] > 0).sum())
-        tally.events.update(infos["event"].tolist())
+        tally.events.update(map(str, map(Event, infos["event"].tolist())))
         found = dict(contradictions(env, on_instability, before, actions, outcome))
         tally.contradictions.update({reason: int(rows.sum()) for reason, rows in found.items()})
         for reason, rows in (found | {"solver failure": infos["cost_solver"] > 0.0}).items():
@@ -215,7 +215,7 @@ def _rules(
         yield f"{key} in its space", is_inside.all(axis=1)
     yield "reward finite and not negative", np.isfinite(reward) & (reward >= 0.0)
     event, index = infos["event"], infos["index"]
-    costs = np.stack([infos[f"cost_{kind}"] for kind in ("unstable", "singular", "limit", "solver")])
+    costs = np.stack([infos[f"cost_{kind}"] for kind in ("unstable", "singular", "solver")])
     yield "costs 0 or 1", np.all(np.isin(costs, (0.0, 1.0)), axis=0)
     yield "cost their sum", infos["cost"] == costs.sum(axis=0)
     numbers = np.stack([infos[key] for key in ("stability_margin", "singularity_margin", "residual")])
@@ -223,9 +223,7 @@ def _rules(
     yield "residual small", infos["residual"] < _LARGEST_RESIDUAL
 
     is_lost, is_failure = np.isin(event, (Event.FOLD, Event.INDEX_CHANGE)), event == Event.SOLVER_FAILURE
-    is_stable = index == 0
-    if not simulation.settings.always_stable:  # else it is not observed
-        is_stable = (observation["observation"][:, simulation.sensors.layout["is_stable"]] == 1.0).all(axis=1)
+    is_stable = (observation["observation"][:, simulation.sensors.layout["is_stable"]] == 1.0).all(axis=1)
     yield "unstable is paid", infos["cost_unstable"] == (is_lost | (index > 0))
     yield "solver failure is paid", infos["cost_solver"] == is_failure
     yield "solver failure truncates", truncated | ~is_failure
@@ -236,7 +234,7 @@ def _rules(
     wish = before.inputs + np.clip(actions, -1.0, 1.0) * simulation._stride
     target = np.clip(wish, lower, upper)
     states = simulation.rows.states
-    yield "cut is paid", infos["cost_limit"] == (wish != target).any(axis=1)
+    yield "cut is told", infos["at_limit"] == (wish != target).any(axis=1)
     is_there = (np.abs(states.inputs - target) <= _INPUT_TOLERANCE).all(axis=1)
     is_back = (states.inputs == before.inputs).all(axis=1) & (states.x == before.x).all(axis=1)
     yield "solver failure is rolled back", is_back | ~is_failure

@@ -11,8 +11,10 @@ from rich.table import Table
 
 from benchmarks.endurance import Tally
 from benchmarks.kinematics import LONG
+from benchmarks.margins import Judged
 from benchmarks.multistart import METHODS
 from benchmarks.shield import Defence
+from benchmarks.startup import STAGES
 from benchmarks.timing import Summary
 from pcm_gym.solving import Event
 
@@ -87,18 +89,18 @@ def print_parts(console: Console, parts: Summaries, memory: Summaries) -> None:
 
 
 def print_startup(console: Console, startup: Summaries) -> None:
-    table = _table("A fresh process: seconds")
+    table = _table("A fresh process: seconds, and of those the processor's")
     for heading in ("total", "min - max", "import gymnasium", "import pcm_gym", "make", "reset", "first step"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, figures in startup.items():
-        total = figures["total_seconds"]
-        stages = ("import_gymnasium", "import", "make", "reset", "step")
-        table.add_row(
-            name,
-            f"{total.median:.2f}",
-            f"{total.least:.2f} - {total.most:.2f}",
-            *(f"{figures[f'{stage}_seconds'].median:.2f}" for stage in stages),
-        )
+        for label, unit in ((name, "seconds"), ("  processor", "processor_seconds")):
+            total = figures[f"total_{unit}"]
+            table.add_row(
+                label,
+                f"{total.median:.2f}",
+                f"{total.least:.2f} - {total.most:.2f}",
+                *(f"{figures[f'{stage}_{unit}'].median:.2f}" for stage in STAGES),
+            )
     console.print(table)
 
 
@@ -107,7 +109,7 @@ def print_endurance(console: Console, tallies: Sequence[Tally]) -> None:
     headings = (
         "steps",
         "episodes",
-        *(event.value.replace("_", " ") for event in _COUNTED),
+        *(str(event).replace("_", " ") for event in _COUNTED),
         "index > 0",
         "contradictions",
     )
@@ -144,6 +146,30 @@ def print_defences(console: Console, found: Sequence[Sequence[Defence]]) -> None
             _count(without.losses),
         )
     console.print(table)
+
+
+def print_margins(console: Console, found: Sequence[Judged]) -> None:
+    """Print what margins say at the environments' thresholds, marked, and at others."""
+    table = _table("Singularity margins, judged by the nearest fold")
+    headings = ("threshold", "within", "called safe", "outside", "not called safe", "of alarms false")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for judged in found:
+        for threshold in judged.thresholds:
+            calls = judged.calls(threshold)
+            table.add_row(
+                f"{judged.name}, environments" if threshold == judged.threshold else judged.name,
+                f"{threshold:g}",
+                _count(calls.within),
+                f"{100.0 * calls.missed_part:.2f} %",
+                _count(calls.outside),
+                f"{100.0 * calls.false_part:.1f} %",
+                f"{100.0 * calls.false_part_of_alarms:.1f} %",
+            )
+    console.print(table)
+    for judged in found:
+        least, median, most = judged.ratios()
+        console.print(f"{judged.name}: margin over distance {median:.2f}, in 98 of 100 {least:.2f} to {most:.2f}")
 
 
 def print_solvers(console: Console, families: Mapping[str, Summaries]) -> None:

@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from agents.commands.errors import errors_in_words
 from agents.experiments.config import ExperimentConfig, load_config, parse_config
-from agents.experiments.runs import RunError, TrainedFiles, find_trained
-from agents.learners.settings import ConfigError
+from agents.experiments.runs import TrainedFiles, find_trained
 
 SIDE_BY_SIDE = 100
 
@@ -28,13 +28,10 @@ def evaluate(
 
     Writes evaluation.json, episodes.csv and report.html next to the model.
     """
-    try:
+    with errors_in_words(console):
         files = find_trained(trained)
         config = _overridden(load_config(files.config), episodes=episodes, seed=seed)
-    except (ConfigError, RunError) as error:
-        console.print(str(error), style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(code=1) from error
-    _run(config, files, is_deterministic=deterministic, wants_report=report)
+        _run(config, files, is_deterministic=deterministic, wants_report=report)
 
 
 def _overridden(config: ExperimentConfig, **changes: int | None) -> ExperimentConfig:

@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from agents.commands.errors import errors_in_words
 from agents.experiments.config import ExperimentConfig, load_config, parse_config
-from agents.experiments.runs import RunError, RunFolder
-from agents.learners.settings import ConfigError
+from agents.experiments.runs import RunFolder
 
 INTERRUPTED = 130
 
@@ -30,12 +30,9 @@ def train(
     """Train an agent and keep everything about it in RUNS_DIR/NAME."""
     if resume and force:
         raise typer.BadParameter("--resume and --force exclude each other")
-    try:
+    with errors_in_words(console):
         experiment = _overridden(load_config(config), name=name, total_steps=total_steps, seed=seed)
         _run(experiment, RunFolder(runs_dir / experiment.name), resume=resume, force=force)
-    except (ConfigError, RunError) as error:
-        console.print(str(error), style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(code=1) from error
 
 
 def _overridden(config: ExperimentConfig, **changes: str | int | None) -> ExperimentConfig:

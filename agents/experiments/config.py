@@ -113,11 +113,17 @@ def load_config(path: Path) -> ExperimentConfig:
     """
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+        return parse_config(content, source=str(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except yaml.YAMLError as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not text in UTF-8: {error}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path}: nested too deeply") from error
+    except ConfigError:
+        raise
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # dates and numbers that there are not, for some
         raise ConfigError(f"{path}: not valid YAML: {error}") from error
-    return parse_config(content, source=str(path))
 
 
 def parse_config(content: object, source: str = "configuration") -> ExperimentConfig:

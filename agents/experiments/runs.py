@@ -21,6 +21,7 @@ from importlib import metadata
 from pathlib import Path
 
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
+from agents.learners.settings import UsageError
 
 CONFIG = "config.yaml"
 PROGRESS = "progress.csv"
@@ -29,7 +30,7 @@ _RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "num
 _LEVELS_ABOVE_A_MODEL = 3
 
 
-class RunError(ValueError):
+class RunError(UsageError):
     """A run folder that cannot be used as asked; the message says what to do."""
 
 
@@ -60,18 +61,22 @@ class RunFolder:
         return self.path / "tensorboard"
 
     def create(self, *, replace: bool) -> None:
-        """Make the folder; with `replace`, an earlier run in it is deleted.
+        """Make the folder; what an earlier run left in it before its first snapshot is deleted.
+
+        With `replace`, any earlier run is.
 
         Raises
         ------
         RunError
-            If the folder holds a run and `replace` is false, or holds something that is not a run.
+            If the folder holds a run with a model and `replace` is false, or holds something that is not a run.
         """
+        if self.path.exists() and not self.path.is_dir():
+            raise RunError(f"{self.path} is not a folder")
         if self.path.exists() and any(self.path.iterdir()):
-            if not replace:
-                raise RunError(f"{self.path} already holds a run: --resume continues it, --force starts it afresh")
             if not self.config.exists():
-                raise RunError(f"{self.path} is not a run ({CONFIG} is missing), so --force does not delete it")
+                raise RunError(f"{self.path} is not a run ({CONFIG} is missing), so it is not deleted")
+            if not replace and (self.snapshots() or (self.path / MODEL).exists()):
+                raise RunError(f"{self.path} already holds a run: --resume continues it, --force starts it afresh")
             shutil.rmtree(self.path)
         self.path.mkdir(parents=True, exist_ok=True)
 
@@ -83,15 +88,24 @@ class RunFolder:
         """Keep a snapshot that `write` puts into an empty folder; make it the run's model.
 
         The folder gets its name only when it is complete. Only the newest snapshot keeps its replay buffer.
+
+        Raises
+        ------
+        RunError
+            If it cannot be written; the snapshots before it stay.
         """
         folder = self.path / "checkpoints" / f"{steps:010d}"
         partial = folder.with_suffix(".partial")
         for leftover in (partial, folder):
             shutil.rmtree(leftover, ignore_errors=True)
-        partial.mkdir(parents=True)
-        write(partial)
-        partial.rename(folder)
-        self._publish(folder)
+        try:
+            partial.mkdir(parents=True)
+            write(partial)
+            partial.rename(folder)
+            self._publish(folder)
+        except (OSError, RuntimeError) as error:  # on a full disk torch raises one of its own
+            shutil.rmtree(partial, ignore_errors=True)
+            raise RunError(f"{folder}: the snapshot cannot be written: {error}") from error
         return folder
 
     def _publish(self, newest: Path) -> None:

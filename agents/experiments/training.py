@@ -58,7 +58,7 @@ def _started(config: ExperimentConfig, run: RunFolder, *, replace: bool) -> Base
 def _resumed(config: ExperimentConfig, run: RunFolder) -> BaseAlgorithm:
     snapshots = run.snapshots()
     if not snapshots:
-        raise RunError(f"{run.path}: nothing to resume (no complete checkpoint)")
+        raise RunError(f"{run.path}: nothing to resume (no complete checkpoint): start it without --resume")
     _check_same_experiment(config, load_config(run.config), run)
     return load_learner(config, snapshots[-1])
 

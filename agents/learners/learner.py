@@ -2,6 +2,8 @@
 
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from agents.learners.algorithms import ALGORITHMS
 from agents.learners.batches import make_batch
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
-from agents.learners.settings import AlgorithmName, LearnerSettings
+from agents.learners.settings import AlgorithmName, ConfigError, LearnerSettings, ModelError
 from agents.learners.vector_adapter import CostPenalty, NativeVecEnv
 
 # A saved model names the module of its features: models saved while that was agents/features.py load as well.
@@ -39,29 +41,35 @@ def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
         If a hyperparameter is unknown to the algorithm or its value cannot be read.
     """
     env = _normalised(make_training_env(settings), settings)
-    return ALGORITHMS[settings.algorithm].load_class()(
-        policy="MultiInputPolicy",
-        env=env,
-        seed=settings.seed,
-        device="cpu",
-        **algorithm_arguments(settings, action_count=int(np.prod(env.action_space.shape or (1,)))),
-    )
+    arguments = algorithm_arguments(settings, action_count=int(np.prod(env.action_space.shape or (1,))))
+    try:
+        return ALGORITHMS[settings.algorithm].load_class()(
+            policy="MultiInputPolicy", env=env, seed=settings.seed, device="cpu", **arguments
+        )
+    except (AssertionError, TypeError, ValueError) as error:
+        raise ConfigError(f"hyperparameters of {settings.algorithm}: {error}") from error
 
 
 def load_learner(settings: LearnerSettings, snapshot: Path) -> BaseAlgorithm:
     """Learner as it was when the snapshot was taken, on environments that begin new episodes.
 
     The new episodes are drawn from the seed and the number of steps done, so that none is met twice.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        If the environment cannot be made, or a file of the snapshot cannot be read.
     """
     env = make_training_env(settings)
-    if (snapshot / NORMALISATION).exists():
-        env = VecNormalize.load(str(snapshot / NORMALISATION), env)
-    learner = ALGORITHMS[settings.algorithm].load_class().load(snapshot / MODEL, env=env, device="cpu")
-    if isinstance(learner, OffPolicyAlgorithm) and (snapshot / REPLAY_BUFFER).exists():
-        with warnings.catch_warnings():
-            # Right: the episodes under way when the snapshot was taken are not continued.
-            warnings.filterwarnings("ignore", message="The last trajectory in the replay buffer will be truncated")
-            learner.load_replay_buffer(snapshot / REPLAY_BUFFER)
+    with reading(snapshot):
+        if (snapshot / NORMALISATION).exists():
+            env = VecNormalize.load(str(snapshot / NORMALISATION), env)
+        learner = ALGORITHMS[settings.algorithm].load_class().load(snapshot / MODEL, env=env, device="cpu")
+        if isinstance(learner, OffPolicyAlgorithm) and (snapshot / REPLAY_BUFFER).exists():
+            with warnings.catch_warnings():
+                # Right: the episodes under way when the snapshot was taken are not continued.
+                warnings.filterwarnings("ignore", message="The last trajectory in the replay buffer will be truncated")
+                learner.load_replay_buffer(snapshot / REPLAY_BUFFER)
     seed = np.random.SeedSequence([settings.seed, learner.num_timesteps]).generate_state(1)[0]
     learner.set_random_seed(int(seed))
     return learner
@@ -70,7 +78,17 @@ def load_learner(settings: LearnerSettings, snapshot: Path) -> BaseAlgorithm:
 def load_model(algorithm: AlgorithmName, model: Path) -> BaseAlgorithm:
     """Model as it was saved, to act and not to learn: it has no environments and no replay buffer to speak of."""
     no_buffer: dict[str, Any] = {"replay_buffer_class": None, "replay_buffer_kwargs": {}, "buffer_size": 1}
-    return ALGORITHMS[algorithm].load_class().load(model, device="cpu", custom_objects=no_buffer)
+    with reading(model):
+        return ALGORITHMS[algorithm].load_class().load(model, device="cpu", custom_objects=no_buffer)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn whatever reading a damaged file leads zipfile, pickle and torch to into a `ModelError`."""
+    try:
+        yield
+    except Exception as error:
+        raise ModelError(f"{path}: cannot be read as a trained model: {type(error).__name__}: {error}") from error
 
 
 def save_learner(learner: BaseAlgorithm, folder: Path) -> None:

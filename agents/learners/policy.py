@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from agents.learners.learner import load_model
+from agents.learners.learner import load_model, reading
 from agents.learners.settings import AlgorithmName
 from pcm_gym.arrays import Array
 
@@ -52,6 +52,17 @@ class LearntPolicy:
 def load_policy(
     algorithm: AlgorithmName, model: Path, normalisation: Path | None, *, is_deterministic: bool = True
 ) -> LearntPolicy:
-    """Policy from the files of a snapshot. They are pickles: load only what you trust."""
-    normaliser = None if normalisation is None else pickle.loads(normalisation.read_bytes())
+    """Policy from the files of a snapshot. They are pickles: load only what you trust.
+
+    Raises
+    ------
+    ModelError
+        If they cannot be read.
+    """
+    normaliser = None
+    if normalisation is not None:
+        with reading(normalisation):
+            normaliser = pickle.loads(normalisation.read_bytes())
+            if not isinstance(normaliser, VecNormalize):
+                raise TypeError(f"it holds a {type(normaliser).__name__}")
     return LearntPolicy(load_model(algorithm, model), normaliser, is_deterministic=is_deterministic)

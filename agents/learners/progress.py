@@ -3,6 +3,8 @@
 import csv
 from pathlib import Path
 
+from agents.learners.settings import ModelError
+
 STEPS_COLUMN = "time/total_timesteps"
 SUCCESS_COLUMN = "rollout/success_rate"
 SAFE_SUCCESS_COLUMN = "rollout/safe_success_rate"
@@ -12,6 +14,15 @@ COST_COLUMN = "rollout/cumulative_cost"
 
 
 def read_progress(path: Path) -> list[dict[str, float]]:
-    """Rows of a learning curve: what was logged, by name; missing entries are left out."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{name: float(text) for name, text in row.items() if text} for row in csv.DictReader(file)]
+    """Rows of a learning curve: what was logged, by name; missing entries are left out.
+
+    Raises
+    ------
+    ModelError
+        If the file is no such table.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [{name: float(text) for name, text in row.items() if text} for row in csv.DictReader(file)]
+    except (OSError, TypeError, ValueError, csv.Error) as error:
+        raise ModelError(f"{path}: cannot be read as a learning curve: {error}") from error

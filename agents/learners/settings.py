@@ -10,8 +10,16 @@ from agents.learners.algorithms import ALGORITHMS
 Count = Annotated[int, Field(ge=1)]
 
 
-class ConfigError(ValueError):
+class UsageError(ValueError):
+    """What was asked for cannot be done; the message says why, for whoever asked."""
+
+
+class ConfigError(UsageError):
     """A configuration that cannot be used; the message names every offending entry."""
+
+
+class ModelError(UsageError):
+    """Files of a trained model that cannot be read."""
 
 
 class Section(BaseModel):

@@ -96,7 +96,7 @@ def _frame(equilibrium: pcm_gym.Equilibrium, goal: NDArray[np.float64], info: Ma
         "goal_hinges": _whole(equilibrium.mechanism.hinges(goal)),
         "error": round(position_error(goal, equilibrium.pose), 5),
         "margin": _rounded(info.get("stability_margin")),
-        "event": str(info.get("event", "none")).replace("_", " "),
+        "event": str(pcm_gym.Event(info.get("event", 0))).replace("_", " "),
         "unstable": bool(is_unstable),
     }
 

@@ -13,16 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
-from pcm_gym.environments.preview import Preview, checked_actions, preview
-from pcm_gym.environments.rows import Outcome
+from pcm_gym.environments.preview import Preview, preview
+from pcm_gym.environments.rows import Outcome, generator_of, saved_parts
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.environments.single import RENDER_FPS, Observation
-from pcm_gym.kernels.numerics.threads import default_thread_count
+from pcm_gym.kernels.numerics.threads import MOST_THREADS, default_thread_count
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import one_of, whole_number
+from pcm_gym.mechanism.validation import (
+    finite_array,
+    mapping,
+    one_of,
+    sequence_of,
+    shown,
+    truth_array,
+    whole_number,
+)
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Task
+
+# Beyond this number there is a mistake, and no memory.
+_MOST_ENVIRONMENTS = 1_000_000
 
 
 class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
@@ -58,26 +69,30 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         **arguments: Unpack[EnvironmentArguments],
     ) -> None:
         one_of("autoreset_mode", autoreset_mode, (*AutoresetMode, *(mode.value for mode in AutoresetMode)))
-        settings = Settings.from_arguments(mechanism, **arguments)
+        settings = Settings.from_arguments(mechanism, arguments)
         self.render_mode = settings.render_mode
-        self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1)
+        self.num_envs = num_envs = whole_number("num_envs", num_envs, least=1, most=_MOST_ENVIRONMENTS)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
-        threads = default_thread_count() if threads is None else whole_number("threads", threads, least=1)
+        if threads is None:
+            threads = default_thread_count()
+        threads = whole_number("threads", threads, least=1, most=MOST_THREADS)
         self._simulation = Simulation(settings, num_envs, threads)
         self.single_observation_space, self.single_action_space = self._simulation.spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        is_endless = max_episode_steps is None or max_episode_steps == -1
-        self._max_episode_steps = (
-            np.inf if is_endless else whole_number("max_episode_steps", max_episode_steps, least=1)
-        )
+        most = -1 if max_episode_steps is None else whole_number("max_episode_steps", max_episode_steps, least=-1)
+        if most == 0:
+            raise ValueError("max_episode_steps must be at least 1, or -1 for no limit, got 0")
+        self._max_episode_steps = np.inf if most == -1 else most
         self._pictures = Pictures(settings)
         sources = [seeding.np_random(None) for _ in range(num_envs)]
         self._generators = [generator for generator, _ in sources]
         self._generator_seeds = [seed for _, seed in sources]
         self._ended = np.zeros(num_envs, dtype=np.bool_)
-        self._is_reset = False
+        self._begun = np.zeros(num_envs, dtype=np.bool_)
+        # whether what was observed is kept for those that stand still while others are reset: noise is not drawn again
+        self._keeps = self.autoreset_mode is AutoresetMode.DISABLED or settings.observation_noise > 0.0
         self._kept: Observation = {}
 
     @property
@@ -97,23 +112,22 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
 
     def equilibrium(self, row: int) -> Equilibrium:
         """Return the present equilibrium of one environment."""
-        return self._simulation.equilibrium(row)
+        return self._simulation.equilibrium(self._checked_row(row))
 
     def goal(self, row: int) -> Array:
         """Return the goal of one environment as a pose, (d,), in m and rad."""
-        return self.task.goals.pose(self._simulation.goal(row))
+        return self.task.goals.pose(self._simulation.goal(self._checked_row(row)))
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin new episodes: all of them, or those in ``options["reset_mask"]``, a bool array (num_envs,)."""
-        options = dict(options or {})
+        options = dict(mapping("options", options))
         mask = self._checked_mask(options.pop("reset_mask", None))
         for row, own_seed in enumerate(self._seeds(seed)):
             if own_seed is not None and mask[row]:
                 self._generators[row], self._generator_seeds[row] = seeding.np_random(own_seed)
         self._begin(mask, options)
-        self._is_reset = True
         # the others must not draw any noise
         generators = [
             own if begun else np.random.default_rng(0) for own, begun in zip(self._generators, mask, strict=True)
@@ -124,11 +138,10 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         self._keep(outcome.observation)
         return outcome.observation, _with_masks(outcome.infos(), mask)
 
-    def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
+    def step(self, actions: ArrayLike) -> tuple[Observation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Step every environment; what happens to those that have ended is up to the autoreset mode."""
-        if not self._is_reset:
-            raise gymnasium.error.ResetNeeded("step() was called before the first reset()")
         values = self._checked_actions(actions)
+        self._check_begun("step")
         waiting = self._ended.copy()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and waiting.any():
             return self._step_and_begin(values, waiting)
@@ -140,9 +153,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
         infos = _with_masks(outcome.infos())
-        self._keep(outcome.observation)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             self._begin_at_once(outcome.observation, infos, self._ended.copy())
+        self._keep(outcome.observation)
         return outcome.observation, outcome.reward, outcome.terminated, truncated, infos
 
     def preview(self, actions: ArrayLike) -> Preview:
@@ -151,9 +164,9 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         Nothing is moved and no random number is drawn; `step` of an action does what was told of it, to the last bit.
         Of an environment that waits for its reset it is told what an action would do in its last state.
         """
-        if not self._is_reset:
-            raise gymnasium.error.ResetNeeded("preview() was called before the first reset()")
-        return preview(self._simulation, checked_actions(actions, (self.num_envs, "k", self.mechanism.leg_count)))
+        self._check_begun("preview")
+        shape = (self.num_envs, "k", self.mechanism.leg_count)
+        return preview(self._simulation, finite_array("actions", actions, shape))
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
@@ -187,20 +200,36 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
                 "generators": [generator.bit_generator.state for generator in self._generators],
                 "generator_seeds": self._generator_seeds,
                 "ended": self._ended,
-                "is_reset": self._is_reset,
+                "begun": self._begun,
                 "kept": self._kept,
             }
         )
 
     def restore_state(self, state: dict[str, Any]) -> None:
-        """Go back to what `save_state` returned, here or in another batch made with the same arguments."""
-        for name, array in self._simulation.rows._asdict().items():
-            array[:] = state["rows"][name]
-        for generator, bits in zip(self._generators, state["generators"], strict=True):
-            generator.bit_generator.state = bits
-        self._generator_seeds = list(state["generator_seeds"])
-        self._ended, self._is_reset = state["ended"].copy(), state["is_reset"]
-        self._kept = copy.deepcopy(state["kept"])
+        """Go back to what `save_state` returned, here or in another batch made with the same arguments.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is none, or one of a batch of another kind; nothing is changed then.
+        """
+        parts = saved_parts("state", state, ("rows", "generators", "generator_seeds", "ended", "begun", "kept"))
+        rows, count = self._simulation.checked_rows(parts["rows"]), self.num_envs
+        saved = sequence_of("state['generators']", parts["generators"], dict)
+        generators = [generator_of("state['generators']", own) for own in saved]
+        seeds = sequence_of("state['generator_seeds']", parts["generator_seeds"], int)
+        if (len(generators), len(seeds)) != (count, count):
+            raise ValueError(f"state must be of {count} environments, got {len(generators)} generators")
+        ended, begun = (truth_array(f"state['{name}']", parts[name], (count,)) for name in ("ended", "begun"))
+        spaces: Any = self.observation_space
+        kept = {
+            key: finite_array(f"state['kept'][{key!r}]", array, spaces[key].shape)
+            for key, array in mapping("state['kept']", parts["kept"]).items()
+        }
+        self._simulation.restore_rows(rows)
+        for generator, own in zip(self._generators, generators, strict=True):
+            generator.bit_generator.state = own.bit_generator.state
+        self._generator_seeds, self._ended, self._begun, self._kept = list(seeds), ended, begun, kept
 
     def _is_truncated(self, outcome: Outcome) -> Mask:
         return (self._simulation.rows.elapsed >= self._max_episode_steps) | outcome.failed
@@ -212,6 +241,7 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         outcome = self._simulation.step_and_reset(actions, waiting, self._generators)
         truncated = self._is_truncated(outcome)
         self._ended = outcome.terminated | truncated
+        self._keep(outcome.observation)
         return outcome.observation, outcome.reward, outcome.terminated, truncated, _with_masks(outcome.infos())
 
     def _begin_at_once(self, observation: Observation, infos: dict[str, Any], ended: Mask) -> None:
@@ -231,35 +261,46 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         infos["final_info"], infos["_final_info"] = _with_masks(final_infos, ended), ended.copy()
 
     def _keep(self, observation: Observation) -> None:
-        """Keep the observations where resets of some rows are up to the caller, for the others."""
-        if self.autoreset_mode is AutoresetMode.DISABLED:
+        """Keep the observations for those rows that stand still when others are reset."""
+        if self._keeps:
             self._kept = {key: array.copy() for key, array in observation.items()}
 
     def _begin(self, mask: Mask, options: dict[str, Any]) -> None:
         rows = np.flatnonzero(mask)
         self._simulation.reset_rows(rows, [self._generators[row] for row in rows.tolist()], options)
-        self._ended[mask] = False
+        self._ended[mask], self._begun[mask] = False, True
+
+    def _check_begun(self, name: str) -> None:
+        """Raise if some rows have never been reset."""
+        if not self._begun.all():
+            rows = np.flatnonzero(~self._begun).tolist()
+            which = f"of environments {shown(rows)}" if self._begun.any() else ""
+            raise gymnasium.error.ResetNeeded(f"{name}() was called before the first reset() {which}".rstrip())
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, int | np.integer):
-            return [int(seed) + row for row in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seed)}")
-        return list(seed)
+            first = whole_number("seed", seed, least=0, most=None)
+            return [first + row for row in range(self.num_envs)]
+        seeds = sequence_of("seed", seed, int | np.integer | None)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be an int or {self.num_envs} of them, got {len(seeds)}")
+        return [None if own is None else whole_number("seed", own, least=0, most=None) for own in seeds]
 
     def _checked_mask(self, mask: Any) -> Mask:
         if mask is None:
             return np.ones(self.num_envs, dtype=np.bool_)
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"options['reset_mask'] must be a bool array of shape ({self.num_envs},), got {mask!r}")
-        if not mask.any():
-            raise ValueError("options['reset_mask'] must have at least one True value")
-        return mask
+        checked = truth_array("options['reset_mask']", mask, (self.num_envs,))
+        if not checked.any():
+            raise ValueError(f"options['reset_mask'] must have at least one True value, got {shown(mask)}")
+        return checked
+
+    def _checked_row(self, row: int) -> int:
+        return whole_number("row", row, least=0, most=self.num_envs - 1)
 
     def _checked_actions(self, actions: ArrayLike) -> Array:
-        return checked_actions(actions, (self.num_envs, self.mechanism.leg_count))
+        return finite_array("actions", actions, (self.num_envs, self.mechanism.leg_count))
 
 
 def _with_masks(infos: dict[str, Any], mask: Mask | None = None) -> dict[str, Any]:

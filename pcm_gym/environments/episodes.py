@@ -1,5 +1,6 @@
 """How episodes begin: what is drawn from the scenes, and what a reset is asked for."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -9,9 +10,10 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.mechanism.validation import finite_vector, one_of
+from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import finite_array, finite_vector, instance_of, mapping, one_of, shown
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import Generators, Scene
+from pcm_gym.tasks import Episodes, Generators, Scene
 from pcm_gym.tasks.scene import reached
 
 RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
@@ -54,10 +56,10 @@ def episode_starts(
         If an option is unknown, of wrong shape, or cannot be met on stable equilibria; with "continue" the equilibrium
         may be unstable, and what is reached from it too.
     """
-    options = options or {}
+    options = mapping("options", options)
     for name in options:
         one_of("options key", name, RESET_OPTIONS)
-    goal = _goal_from(settings, options["goal"]) if "goal" in options else None
+    goal = _goal_from(settings, scenes, options["goal"]) if "goal" in options else None
     numbers = _scene_numbers(settings, scenes, generators, options)
     for number, nominal in enumerate(scenes):
         members = np.flatnonzero(numbers == number)
@@ -77,9 +79,22 @@ def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: in
     # the goal of an unstable start is stable none the less
     drawn = settings.task.sample(scene if unstable is None else replace(scene, origin=None), generators, threads)
     states = drawn.states if unstable is None else scene.at_equilibrium(unstable, len(generators))
+    _check_drawn(settings, drawn, len(generators))
     if drawn.witness is None:
         return states, drawn.goals, np.full((len(generators), states.inputs.shape[1] + states.x.shape[1]), np.nan)
     return states, drawn.goals, np.concatenate([drawn.witness.inputs, drawn.witness.x], axis=1)
+
+
+def _check_drawn(settings: Settings, drawn: Episodes, count: int) -> None:
+    """Raise unless a task has drawn episodes of the right shapes, finite all over."""
+    mechanism, task = settings.mechanism, settings.task
+    instance_of("what sample() returns", drawn, Episodes)
+    widths = {"x": mechanism.state_size, "inputs": mechanism.leg_count, "load": mechanism.dof}
+    told = {"states": drawn.states} | ({} if drawn.witness is None else {"witness": drawn.witness})
+    for name, states in told.items():
+        for part, array in states._asdict().items():
+            finite_array(f"{name}.{part} of sample()", array, (count, widths[part]))
+    finite_array("goals of sample()", drawn.goals, (count, task.period, task.goals.size))
 
 
 def _scene_numbers(
@@ -98,10 +113,13 @@ def _scene_of(settings: Settings, scenes: Sequence[Scene], start: Any) -> int:
     is_equilibrium = isinstance(start, Equilibrium)
     numbers = [n for n, scene in enumerate(scenes) if is_equilibrium and scene.mechanism == start.mechanism]
     if not numbers:
-        raise ValueError(f"option equilibrium must be an Equilibrium of {settings.mechanism.name!r}, got {start!r}")
+        raise ValueError(
+            f"option equilibrium must be an Equilibrium of {settings.mechanism.name!r}, got {shown(start)}"
+        )
     if not start.is_stable and settings.on_instability != "continue":
         raise ValueError(f"option equilibrium must be stable, got index {start.index}")
-    if not start.within_limits:
+    lower, upper = start.mechanism.lower_limits, start.mechanism.upper_limits
+    if not np.all((lower <= start.inputs) & (start.inputs <= upper)):
         raise ValueError(f"option equilibrium must be within the actuators' limits, got {start.inputs.tolist()}")
     if start.residual > _RESIDUAL_TOLERANCE:
         raise ValueError(f"option equilibrium must be one, got residual {start.residual}")
@@ -118,7 +136,8 @@ def _scene_for(scene: Scene, options: Mapping[str, Any]) -> Scene:
         return scene
     start, load = options.get("equilibrium"), np.array(scene.load)
     start = scene.home if start is None else reached(start, start.inputs, load, "load")
-    return replace(scene, origin=reached(start, options.get("inputs", start.inputs), load, "inputs"))
+    inputs = scene.mechanism.check_inputs(options["inputs"]) if "inputs" in options else start.inputs
+    return replace(scene, origin=reached(start, inputs, load, "inputs"))
 
 
 def _filled(array: Array, values: Array) -> Array:
@@ -126,17 +145,34 @@ def _filled(array: Array, values: Array) -> Array:
     return np.tile(values, (*array.shape[:-1], 1))
 
 
-def _goal_from(settings: Settings, wanted: Any) -> tuple[Array, Array]:
+def _goal_from(settings: Settings, scenes: Sequence[Scene], wanted: Any) -> tuple[Array, Array]:
     """Return the goal that a pose or an equilibrium stands for, and its witness."""
     mechanism, goals = settings.mechanism, settings.task.goals
     if isinstance(wanted, Equilibrium):
-        if wanted.mechanism.dof != mechanism.dof:
-            raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {wanted!r}")
-        inputs = mechanism.units.kernel_from_inputs(wanted.inputs)
-        return goals.of_equilibrium(wanted), np.append(inputs, wanted.state)
+        if wanted.mechanism not in (mechanism, *(scene.mechanism for scene in scenes)):
+            raise ValueError(f"option goal must be an Equilibrium of {mechanism.name!r}, got {shown(wanted)}")
+        if wanted.residual > _RESIDUAL_TOLERANCE:
+            raise ValueError(f"option goal must be an equilibrium, got residual {wanted.residual}")
+        goal, inputs = goals.of_equilibrium(wanted), mechanism.units.kernel_from_inputs(wanted.inputs)
+        if goal not in goals.box:
+            raise ValueError(f"option goal must be within the actuators' limits, got {shown(wanted)}")
+        return goal, np.append(inputs, wanted.state)
     if goals.with_inputs:
-        raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {wanted!r}")
-    goal = goals.of_pose(finite_vector("option goal", wanted, mechanism.dof))
-    if goal not in goals.box:
-        raise ValueError(f"option goal must be a pose within the reach of the rods, got {wanted!r}")
+        raise ValueError(f"option goal must be an Equilibrium: a pose does not tell the inputs, got {shown(wanted)}")
+    pose = finite_vector("option goal", wanted, mechanism.dof)
+    goal = goals.of_pose(pose)
+    if goal not in goals.box or not any(_is_in_reach(scene.mechanism, pose) for scene in scenes):
+        raise ValueError(f"option goal must be a pose within the reach of the rods, got {shown(wanted)}")
     return goal, np.full(mechanism.leg_count + mechanism.state_size, np.nan)
+
+
+def _is_in_reach(mechanism: Mechanism, pose: Array) -> bool:
+    """Return whether at this pose no hinge is farther from its actuator, within the limits, than its rod is long."""
+    for leg, hinge in zip(mechanism.legs, mechanism.hinges(pose).tolist(), strict=True):
+        actuator, (lower, upper) = leg.actuator, leg.actuator.limits
+        along = math.fsum(
+            (there - base) * axis for there, base, axis in zip(hinge, actuator.base, actuator.axis, strict=True)
+        )
+        if math.dist(actuator.clamp_point(min(max(along, lower), upper)), hinge) > leg.rod.length:
+            return False
+    return True

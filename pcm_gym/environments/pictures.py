@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
+from pcm_gym.mechanism.validation import shown
 from pcm_gym.solving import Atlas, Equilibrium, Region, load_atlas, solve_forward
 
 Frame = NDArray[np.uint8]
@@ -61,7 +62,7 @@ class Pictures:
 def _region(workspace: Any, settings: Settings) -> Region:
     atlas = load_atlas(workspace) if isinstance(workspace, str | os.PathLike) else workspace
     if not isinstance(atlas, Atlas):
-        raise TypeError(f"render_workspace must be an Atlas, or a file with one, got {workspace!r}")
+        raise TypeError(f"render_workspace must be an Atlas, or a file with one, got {shown(workspace)}")
     load = settings.load_range[0]
     if settings.load_varies or atlas.mechanism != settings.mechanism or not np.array_equal(atlas.load, load):
         raise ValueError(

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.environments.rows import total_cost
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.stepping.report import Costs
+from pcm_gym.mechanism.validation import check_kinds
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,9 @@ class Preview:
     index : int array (...)
     stability_margin, singularity_margin, residual : array (...)
     event : int array (...)
-        The event, as its place in `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver
-        failure.
-    cost, cost_unstable, cost_singular, cost_limit, cost_solver : array (...)
+        Numbers of `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver failure.
+    at_limit : bool array (...)
+    cost, cost_unstable, cost_singular, cost_solver : array (...)
     reward : array (...)
         The reward of the step, for the goal that counts then.
     terminated : bool array (...)
@@ -43,13 +43,16 @@ class Preview:
     singularity_margin: Array
     residual: Array
     event: Integers
+    at_limit: Mask
     cost: Array
     cost_unstable: Array
     cost_singular: Array
-    cost_limit: Array
     cost_solver: Array
     reward: Array
     terminated: Mask
+
+    def __post_init__(self) -> None:
+        check_kinds(self, **dict.fromkeys(Preview.__annotations__, np.ndarray))
 
 
 def preview(simulation: Simulation, actions: Array) -> Preview:
@@ -68,6 +71,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         singularity_margin=verdicts["singularity_margin"],
         residual=verdicts["residual"],
         event=verdicts["event"],
+        at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts),
         **{name: verdicts[name] for name in Costs.__annotations__},
         reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
@@ -78,24 +82,6 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
 def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers) -> Array:
     """Return the rewards (m,) of steps of the rows `origin` (m,) that lead to inputs (m, legs) and features (m, f)."""
     task, rows = simulation.settings.task, simulation.rows
-    achieved = task.goals.achieved(features, inputs, np.arange(len(origin)))
-    rewards, _ = task.score(achieved, rows.goals_ahead(origin, 1))
+    achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
+    rewards, _ = task._scored(achieved, rows.goals_ahead(origin, 1))
     return rewards
-
-
-def checked_actions(actions: ArrayLike, shape: tuple[int | str, ...]) -> Array:
-    """Return actions as a new array of a shape, in which a name stands for any number; raise if they are not such."""
-    try:
-        values = np.array(actions, dtype=np.float64, order="C")  # one layout, so that kernels are compiled once
-    except (TypeError, ValueError):
-        raise TypeError(f"actions must be an array of numbers, got {actions!r}") from None
-    if values.shape != shape and not _fits(values.shape, shape):
-        raise ValueError(f"actions must have shape ({', '.join(map(str, shape))}), got {values.shape}")
-    is_finite = np.isfinite(values)
-    if not is_finite.all():
-        raise ValueError(f"actions must be finite, got {values[~is_finite.all(axis=-1)].tolist()}")
-    return values
-
-
-def _fits(shape: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
-    return len(shape) == len(wanted) and all(isinstance(n, str) or n == m for m, n in zip(shape, wanted, strict=True))

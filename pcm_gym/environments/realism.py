@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.environments.motion import Motion, Response
 from pcm_gym.mechanism import Mechanism, Rod
-from pcm_gym.mechanism.validation import finite_number, finite_vector, number_not_negative, one_of
+from pcm_gym.mechanism.validation import (
+    finite_number,
+    finite_vector,
+    number_not_negative,
+    one_of,
+    shape_of,
+    shown,
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,7 @@ class Randomisation:
     def from_mapping(cls, deviations: Mapping[str, float] | None) -> "Randomisation":
         """Return the randomisation with these deviations, by name."""
         if not isinstance(deviations, Mapping | None):
-            raise TypeError(f"randomisation must be a mapping of deviations, got {deviations!r}")
+            raise TypeError(f"randomisation must be a mapping of deviations, got {shown(deviations)}")
         for name in deviations or {}:
             one_of("randomisation key", name, [field.name for field in fields(cls)])
         return cls(**(deviations or {}))
@@ -114,10 +121,10 @@ class Actuators:
         if rate_limit is not None:
             rates = units.kernel_from_inputs(per_leg("rate_limit", rate_limit, mechanism))
             if not (rates > 0.0).all():
-                raise ValueError(f"rate_limit must be greater than 0, got {rate_limit!r}")
+                raise ValueError(f"rate_limit must be greater than 0, got {shown(rate_limit)}")
         play = units.kernel_from_inputs(per_leg("backlash", backlash, mechanism))
         if not (play >= 0.0).all():
-            raise ValueError(f"backlash must be at least 0, got {backlash!r}")
+            raise ValueError(f"backlash must be at least 0, got {shown(backlash)}")
         return cls(number_not_negative("actuator_lag", lag), rates, play)
 
     @cached_property
@@ -149,4 +156,4 @@ class Actuators:
 def per_leg(name: str, value: Any, mechanism: Mechanism) -> Array:
     """Return one number for each leg, from one for all or one for each."""
     count = mechanism.leg_count
-    return finite_vector(name, np.full(count, value) if np.ndim(value) == 0 else value, count)
+    return finite_vector(name, np.full(count, finite_number(name, value)) if shape_of(value) == () else value, count)

@@ -9,9 +9,10 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from pcm_gym.environments.arguments import task_arguments
-from pcm_gym.mechanism import Mechanism, get_mechanism, register_mechanism
-from pcm_gym.mechanism.validation import whole_number
-from pcm_gym.tasks import Task, register_task, task_type
+from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names, register_mechanism
+from pcm_gym.mechanism.catalogue import free_name
+from pcm_gym.mechanism.validation import one_of, text, whole_number
+from pcm_gym.tasks import Task, free_task_name, register_task, task_type
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,14 @@ class Registered:
             "max_episode_steps": self.time_limit,
             "kwargs": {"mechanism": self.mechanism, "task": self.task, **self.arguments},
         }
-        known = gymnasium.registry.get(self.id)
+        known = gymnasium.registry.get(text("environment_id", self.id))
         if known is None:
-            gymnasium.register(self.id, **entry)
+            try:
+                gymnasium.register(self.id, **entry)
+            except gymnasium.error.Error as error:
+                raise ValueError(
+                    f"environment_id must be such as 'Namespace/Name-v0', got {self.id!r}: {error}"
+                ) from error
         elif known != EnvSpec(self.id, **entry):
             raise ValueError(f"environment_id must be a new one, got {self.id!r}: it is registered as something else")
 
@@ -107,6 +113,10 @@ def register_environment(
     arguments = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in arguments.items()}
     if time_limit is not None:
         time_limit = whole_number("time_limit", time_limit, least=1)
-    mechanism = register_mechanism(get_mechanism(mechanism) if isinstance(mechanism, str) else mechanism)
-    task = task if isinstance(task, str) else register_task(task)
-    Registered(environment_id, mechanism, task, time_limit, arguments).register()
+    own = get_mechanism(one_of("mechanism", mechanism, mechanism_names())) if isinstance(mechanism, str) else mechanism
+    task_name = task if isinstance(task, str) else free_task_name(task)
+    Registered(environment_id, free_name(own), task_name, time_limit, arguments).register()
+    # the names are free, and all is known or nothing
+    register_mechanism(own)
+    if not isinstance(task, str):
+        register_task(task)

@@ -1,17 +1,17 @@
 """What a batch is and what a step of it comes to: one row per environment."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from pcm_gym.arrays import Array, Integers, Mask, Records
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress
 from pcm_gym.kernels.stepping.report import Costs, Verdict
-from pcm_gym.solving.tracking import EVENTS
-
-_EVENT_NAMES = np.array([event.value for event in EVENTS], dtype=object)
+from pcm_gym.mechanism.validation import finite_array, mapping, shown, truth_array, whole_array
 
 
 class Info(TypedDict):
@@ -22,13 +22,11 @@ class Info(TypedDict):
     is_success : bool
         Whether the state is stable and at its goal, for `hold_steps` states in a row.
     cost : float
-        Sum of the four costs that follow. Each is 0 or 1, and 0 at reset.
+        Sum of the three costs that follow. Each is 0 or 1, and 0 at reset.
     cost_unstable : float
         1 where stability was lost on the way, or the state is unstable.
     cost_singular : float
         1 where the singularity margin is below `singular_margin`.
-    cost_limit : float
-        1 where an increment was cut at an actuator's limit.
     cost_solver : float
         1 where the solver failed.
     index : int
@@ -36,25 +34,28 @@ class Info(TypedDict):
     stability_margin : float
         Least eigenvalue of the dimensionless stiffness (EI = L = 1). Of an unstable state it proves nothing.
     singularity_margin : float
-        Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
+        Distance of the nearest fold in the space of the inputs, estimated on the safe side, in rad and mean rod
+        lengths, at most 10.
     residual : float
         Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
-    event : str
-        The first loss of stability on the way: "fold", where the branch ends, or "index_change", where it goes on with
-        another index; else "solver_failure", "actuator_limit" or "none".
+    event : int
+        Number of a `pcm_gym.Event`, the first loss of stability on the way: 1, a fold, where the branch ends, or 2, a
+        change of the index, with which it goes on; else 4, a failure of the solver, 3, an actuator's limit, or 0, none.
+    at_limit : bool
+        Whether an increment was cut at an actuator's limit.
     """
 
     is_success: bool
     cost: float
     cost_unstable: float
     cost_singular: float
-    cost_limit: float
     cost_solver: float
     index: int
     stability_margin: float
     singularity_margin: float
     residual: float
-    event: str
+    event: int
+    at_limit: bool
 
 
 # An info tells a verdict field by field, after whether it is a success and the sum of the costs.
@@ -89,6 +90,32 @@ class Rows(NamedTuple):
         """The goals and what has been made of them."""
         return GoalProgress(self.goals, self.elapsed, self.held)
 
+    def checked(self, saved: Any, scene_count: int) -> "Rows":
+        """Return saved rows as new arrays like these; raise if they are not such."""
+        given = saved_parts("state['rows']", saved, self._fields)
+        found: dict[str, NDArray[Any]] = {}
+        for name, own in self._asdict().items():
+            value, what = given[name], f"state['rows'][{name!r}]"
+            if own.dtype == np.bool_:
+                found[name] = truth_array(what, value, own.shape)
+            elif own.dtype == np.int64:
+                found[name] = whole_array(what, value, own.shape, 0, scene_count - 1 if name == "scene" else 1 << 62)
+            elif (
+                name == "witness"
+                and isinstance(value, np.ndarray)
+                and (value.dtype, value.shape)
+                == (
+                    own.dtype,
+                    own.shape,
+                )
+            ):
+                is_known = ~np.isnan(value)
+                finite_array(what, value[is_known], ("n",))
+                found[name] = np.array(value, order="C")
+            else:
+                found[name] = finite_array(what, value, own.shape)
+        return Rows(**found)
+
     def goals_ahead(self, rows: Integers | int, steps: int = 0) -> Array:
         """Return the goals (m, g) of some rows, or that of one, (g,), so many steps after the present one."""
         ahead: Array = self.goals[rows, (self.elapsed[rows] + steps) % self.goals.shape[1]]
@@ -99,6 +126,25 @@ def total_cost(verdicts: Records) -> Array:
     """Return the sum of the costs of steps, in the shape of their verdicts."""
     total: Array = np.add.reduce([verdicts[name] for name in _COSTS])
     return total
+
+
+def saved_parts(name: str, state: Any, names: Sequence[str]) -> Mapping[str, Any]:
+    """Return the parts of a saved state; raise unless it has those of these names."""
+    parts = mapping(name, state)
+    missing = [part for part in names if part not in parts]
+    if missing:
+        raise ValueError(f"{name} must be what save_state() of such an environment returns, got one without {missing}")
+    return parts
+
+
+def generator_of(name: str, state: Any) -> np.random.Generator:
+    """Return a generator in a saved state; raise if it is none."""
+    generator, _ = seeding.np_random(0)
+    try:
+        generator.bit_generator.state = state
+    except Exception:  # whatever NumPy makes of it
+        raise ValueError(f"{name} must be the state of a generator of random numbers, got {shown(state)}") from None
+    return generator
 
 
 class Outcome(NamedTuple):
@@ -116,12 +162,10 @@ class Outcome(NamedTuple):
         """Return the info of one row, an `Info` in Python's own types, and the task's metrics."""
         verdict = self.verdicts.item(row)
         info = dict(zip(_KEYS, (bool(self.success[row]), sum(verdict[: len(_COSTS)]), *verdict), strict=False))
-        info["event"] = _EVENT_NAMES[info["event"]]
         return {name: values.item(row) for name, values in self.metrics.items()} | info if self.metrics else info
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
         verdicts = self.verdicts
-        infos = {"is_success": self.success, "cost": total_cost(verdicts), **{name: verdicts[name] for name in _TOLD}}
-        infos["event"] = _EVENT_NAMES[verdicts["event"]]
-        return self.metrics | infos
+        told = {name: verdicts[name] for name in _TOLD}
+        return self.metrics | {"is_success": self.success, "cost": total_cost(verdicts), **told}

@@ -32,12 +32,8 @@ class Sensors:
 
     def __init__(self, settings: Settings) -> None:
         self.features = feature_layout(settings.mechanism)
-        seen = self.features.without("is_stable") if settings.always_stable else self.features
         self._told = tuple(_told(settings))
-        self.layout = Layout((*seen.parts, *(told.part for told in self._told)))
-        self._sees_all = seen == self.features
-        every = np.arange(len(self.features.elements))
-        self._columns = np.concatenate([every[self.features[part.name]] for part in seen.parts])
+        self.layout = Layout((*self.features.parts, *(told.part for told in self._told)))
         self._noise, self._is_measured = settings.observation_noise, self.features.is_measured
         self._box = box_of(self.features.elements)
 
@@ -48,10 +44,9 @@ class Sensors:
         """
         if self._noise > 0.0:
             features = self._with_noise(features, [generators[row] for row in rows.tolist()])
-        seen = features if self._sees_all else features.take(self._columns, axis=1)
         if not self._told:
-            return seen
-        return np.concatenate([seen, *(told.values(state, rows) for told in self._told)], axis=1)
+            return features
+        return np.concatenate([features, *(told.values(state, rows) for told in self._told)], axis=1)
 
     def _with_noise(self, features: Array, generators: Generators) -> Array:
         """Return the features (m, f) with noise on all that is measured."""

@@ -1,7 +1,7 @@
 """The arguments of an environment, validated, and the scenes in which its episodes take place."""
 
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,10 +9,25 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
+from pcm_gym.kernels.charts.roadmap import grow, pose_densities
+from pcm_gym.kernels.charts.walks import walk
+from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
+from pcm_gym.kernels.numerics.compilation import expect
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
+from pcm_gym.kernels.statics.equilibrium import describe_equilibrium
+from pcm_gym.kernels.stepping.goals import poses_seen, score_goals
 from pcm_gym.kernels.stepping.report import StepRules
-from pcm_gym.mechanism import Mechanism, get_mechanism
-from pcm_gym.mechanism.validation import number_not_negative, one_of, positive_number, whole_number
+from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
+from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
+from pcm_gym.mechanism.validation import (
+    number_not_negative,
+    one_of,
+    positive_number,
+    shape_of,
+    shown,
+    truth_value,
+    whole_number,
+)
 from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
 
 # What may happen where stability is lost, and the kernels' codes.
@@ -22,6 +37,11 @@ _NEARLY_SINGULAR = 0.5
 # Scenes that turn out to have no home are drawn again, up to so many times each.
 _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
+# What every environment calls until its first step is done: the home, the roadmap, starts and goals, the step.
+_FIRST_CALLED = (
+    *(find_starts, polish_starts, describe_equilibrium, grow, pose_densities, walk),
+    *(poses_seen, score_goals, describe_batch, step_batch),
+)
 
 
 @dataclass(frozen=True)
@@ -73,14 +93,13 @@ class Settings:
     render_workspace: Workspace
 
     @classmethod
-    def from_arguments(
-        cls, mechanism: Mechanism | str = "2RFR", **arguments: Unpack[EnvironmentArguments]
-    ) -> "Settings":
+    def from_arguments(cls, mechanism: Mechanism | str, arguments: EnvironmentArguments) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
+        expect(*_FIRST_CALLED)
         if isinstance(mechanism, str):
-            mechanism = get_mechanism(mechanism)
+            mechanism = get_mechanism(one_of("mechanism", mechanism, mechanism_names()))
         if not isinstance(mechanism, Mechanism):
-            raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {mechanism!r}")
+            raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {shown(mechanism)}")
         given = DEFAULTS | arguments
         task = _task(mechanism, arguments, given)
         steps = _steps(mechanism, given["max_action"])
@@ -92,18 +111,18 @@ class Settings:
             task=task,
             on_instability=_behaviour(task, given["on_instability"]),
             load_range=_load_range(mechanism, given["load"]),
-            observe_load=bool(one_of("observe_load", given["observe_load"], (True, False))),
+            observe_load=truth_value("observe_load", given["observe_load"]),
             max_action=steps,
             hold_steps=whole_number("hold_steps", given["hold_steps"], least=1),
             singular_margin=positive_number("singular_margin", singular_margin),
             randomisation=Randomisation.from_mapping(given["randomisation"]).check(mechanism),
-            variants=_variants(given["variants"]),
+            variants=whole_number("variants", given["variants"], least=1, most=_MOST_VARIANTS),
             actuators=Actuators.from_arguments(
                 mechanism, given["actuator_lag"], given["rate_limit"], given["backlash"]
             ),
             observation_noise=number_not_negative("observation_noise", given["observation_noise"]),
             render_mode=one_of("render_mode", given["render_mode"], (None, "rgb_array")),
-            render_ghosts=one_of("render_ghosts", given["render_ghosts"], (False, True)),
+            render_ghosts=truth_value("render_ghosts", given["render_ghosts"]),
             render_workspace=given["render_workspace"],
         )
 
@@ -121,11 +140,6 @@ class Settings:
     def load_varies(self) -> bool:
         """Whether the load differs from episode to episode."""
         return bool((self.load_range[0] != self.load_range[1]).any())
-
-    @property
-    def always_stable(self) -> bool:
-        """Whether no state is ever observed whose stability is lost."""
-        return self.on_instability in ("snap", "hold")
 
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
@@ -182,18 +196,18 @@ def _behaviour(task: Task, on_instability: Any) -> OnInstability:
     allowed = task.behaviours
     one_of("on_instability", on_instability, tuple(BEHAVIOURS))
     if on_instability not in allowed:
-        raise ValueError(f"on_instability must be one of {list(allowed)} for {task!r}, got {on_instability!r}")
+        raise ValueError(f"on_instability must be one of {list(allowed)} for {task!r}, got {shown(on_instability)}")
     checked: OnInstability = on_instability
     return checked
 
 
 def _load_range(mechanism: Mechanism, load: ArrayLike | None) -> Array:
-    if load is not None and np.ndim(load) == 2:
-        if len(load) != 2:  # type: ignore[arg-type]  # what has two dimensions has a length
-            raise ValueError(f"load must be one load, or the least and the greatest one, got {load!r}")
-        ends = np.stack([mechanism.check_load(end) for end in load])  # type: ignore[union-attr]
-        if not (ends[0] <= ends[1]).all():
-            raise ValueError(f"load must be (least, greatest), got {load!r}")
+    if load is not None and len(shape_of(load)) == 2:
+        ends = np.zeros((2, mechanism.dof))
+        if shape_of(load)[0] == 2:
+            ends[:] = [mechanism.check_load(end) for end in np.asarray(load)]
+        if shape_of(load)[0] != 2 or not (ends[0] <= ends[1]).all():
+            raise ValueError(f"load must be one load, or (least, greatest), got {shown(load)}")
         return ends
     return np.tile(mechanism.check_load(load), (2, 1))
 
@@ -203,10 +217,3 @@ def _steps(mechanism: Mechanism, max_action: ArrayLike | None) -> Array:
     if not np.all(steps > 0.0):
         raise ValueError(f"max_action must be greater than 0, got {steps.tolist()}")
     return steps
-
-
-def _variants(value: Any) -> int:
-    count = whole_number("variants", value, least=1)
-    if count > _MOST_VARIANTS:
-        raise ValueError(f"variants must be at most {_MOST_VARIANTS}, got {count}")
-    return count

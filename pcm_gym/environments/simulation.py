@@ -14,7 +14,8 @@ from pcm_gym.environments.rows import Outcome, Rows
 from pcm_gym.environments.sensors import Sensors
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
-from pcm_gym.kernels.numerics.threads import LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.numerics.slices import slices
+from pcm_gym.kernels.numerics.threads import LARGEST_PIECE, LEAST_ROWS, pieces_of, run_all
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium
@@ -67,6 +68,15 @@ class Simulation:
             commands=states.inputs.copy(),
             drives=states.inputs.copy(),
         )
+
+    def checked_rows(self, saved: Any) -> Rows:
+        """Return rows that were saved; raise if they are none of such a simulation."""
+        return self.rows.checked(saved, len(self.scenes))
+
+    def restore_rows(self, rows: Rows) -> None:
+        """Put rows that were saved in the place of those that there are."""
+        for own, array in zip(self.rows, rows, strict=True):
+            own[:] = array
 
     def spaces(self) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
         """Return observation and action space of one row."""
@@ -177,7 +187,8 @@ class Simulation:
 
     def _describe(self, rows: Integers, report: Report) -> None:
         for scene, members in self._by_scene(self.rows.scene, rows):
-            describe_batch(scene.mechanism.leg_table, self.rows.states, members, report)
+            for first, last in slices(len(members), LARGEST_PIECE):
+                describe_batch(scene.mechanism.leg_table, self.rows.states, members[first:last], report)
         lost = rows[self.rows.lost[rows]]
         report.verdicts["is_stable"][lost] = False
         report.features[lost, self.sensors.features["is_stable"]] = 0.0
@@ -186,8 +197,8 @@ class Simulation:
         task, state, verdicts = self.settings.task, self.rows, report.verdicts
         is_lost = verdicts["is_lost"]
         state.lost[rows] = np.where(has_stepped, is_lost, state.lost[rows])
-        achieved = task.goals.achieved(report.features, state.inputs, rows)
-        desired, rewards = task.update_goals(achieved, rows, has_stepped, verdicts["is_stable"], state.progress)
+        achieved = task.goals._achieved(report.features, state.inputs, rows)
+        desired, rewards = task._update_goals(achieved, rows, has_stepped, verdicts["is_stable"], state.progress)
         observed = self.sensors.observe(state, rows, report.features, generators)
         return Outcome(
             {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
@@ -202,14 +213,15 @@ class Simulation:
     def reset_rows(self, rows: Integers, generators: Generators, options: Mapping[str, Any] | None) -> None:
         """Begin new episodes in some rows, each with its generator; see `episode_starts`."""
         task, state = self.settings.task, self.rows
-        for starts in episode_starts(self.settings, self.scenes, generators, options, self._threads):
+        # all of them are drawn before any row is changed
+        for starts in list(episode_starts(self.settings, self.scenes, generators, options, self._threads)):
             begun, start = rows[starts.members], starts.states
             for array, values in zip(state.states, start, strict=True):
                 array[begun] = values
             state.scene[begun], state.elapsed[begun], state.lost[begun] = starts.scene, 0, False
             state.goals[begun], state.witness[begun] = starts.goals, starts.witness
             state.commands[begun], state.drives[begun] = start.inputs, start.inputs
-            _, at_goal = task.score(task.goals.of_states(start.x, start.inputs), starts.goals[:, 0])
+            _, at_goal = task._scored(task.goals.of_states(start.x, start.inputs), starts.goals[:, 0])
             state.held[begun] = at_goal
 
 
@@ -221,7 +233,7 @@ def _settle(motion: Motion, rows: Integers, response: Response, report: Report) 
     events, is_cut = report.verdicts["event"][rows], response.is_cut[rows]
     is_usual = (events == NONE) | (events == ACTUATOR_LIMIT)
     report.verdicts["event"][rows] = np.where(is_usual, np.where(is_cut, ACTUATOR_LIMIT, NONE), events)
-    report.verdicts["cost_limit"][rows] = is_cut
+    report.verdicts["at_limit"][rows] = is_cut
     arrived = (report.verdicts["fraction"][rows] == 1.0)[:, None]
     motion.commands[rows] = np.where(arrived, response.commands[rows], motion.inputs[rows])
     motion.drives[rows] = np.where(arrived, response.drives[rows], motion.inputs[rows])

@@ -1,7 +1,6 @@
 """One environment class for every mechanism and task."""
 
 import copy
-import math
 from typing import Any, Unpack
 
 import gymnasium
@@ -11,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import EnvironmentArguments
 from pcm_gym.environments.pictures import Pictures
-from pcm_gym.environments.preview import Preview, checked_actions, preview
-from pcm_gym.environments.rows import Outcome
+from pcm_gym.environments.preview import Preview, preview
+from pcm_gym.environments.rows import Outcome, generator_of, saved_parts
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import finite_array, finite_vector, shape_of, truth_value, whole_number
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Element, Task
 
@@ -40,8 +40,8 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Observation
     -----------
     A dict of `observation`, `achieved_goal` and `desired_goal`. `elements` lists what `observation` holds,
-    `goal_elements` what a goal holds. A load that is drawn and actuators that do not follow at once add elements; with
-    "snap" and "hold" there is no `is_stable`, which would always be 1.
+    `goal_elements` what a goal holds. A load that is drawn and actuators that do not follow at once add elements; no
+    other argument changes what there is, so that with "snap" and "hold" `is_stable` is always 1.
 
     Reward
     ------
@@ -86,7 +86,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012 (gymnasium's own convention)
 
     def __init__(self, mechanism: Mechanism | str = "2RFR", **arguments: Unpack[EnvironmentArguments]) -> None:
-        settings = Settings.from_arguments(mechanism, **arguments)
+        settings = Settings.from_arguments(mechanism, arguments)
         self.render_mode = settings.render_mode
         self._pictures = Pictures(settings)
         self._simulation = Simulation(settings, 1)
@@ -175,7 +175,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ValueError
             If an option is unknown, of wrong shape, or cannot be met on stable equilibria.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else whole_number("seed", seed, least=0, most=None))
         generators, row = [self.np_random], np.zeros(1, dtype=np.int64)
         self._simulation.reset_rows(row, generators, options)
         self._stability_lost = False
@@ -183,7 +183,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         outcome = self._simulation.observe(row, generators)
         return self._observation(outcome), outcome.row_info(0)
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move the inputs by `action` times `max_action` along the present branch of equilibria."""
         outcome = self._simulation.step(self._checked(action), [self.np_random])
         self._stability_lost = bool(outcome.terminated[0])
@@ -202,7 +202,7 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Nothing is moved and no random number is drawn; `step` of an action does what was told of it, to the last bit.
         """
-        return preview(self._simulation, checked_actions(actions, ("k", self.mechanism.leg_count)))
+        return preview(self._simulation, finite_array("actions", actions, ("k", self.mechanism.leg_count)))
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Return the reward of achieved for desired goals, (g,) or (n, g); `info` is not used."""
@@ -225,20 +225,25 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         }
 
     def restore_state(self, state: dict[str, Any]) -> None:
-        """Go back to what `save_state` returned, here or in another environment made with the same arguments."""
-        for name, array in self._simulation.rows._asdict().items():
-            array[:] = state["rows"][name]
-        self._stability_lost = state["stability_lost"]
-        self._trail = list(state["trail"])
-        self.np_random.bit_generator.state = copy.deepcopy(state["generator"])
+        """Go back to what `save_state` returned, here or in another environment made with the same arguments.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is none, or one of an environment of another kind; nothing is changed then.
+        """
+        parts = saved_parts("state", state, ("rows", "stability_lost", "trail", "generator"))
+        rows = self._simulation.checked_rows(parts["rows"])
+        generator = generator_of("state['generator']", parts["generator"])
+        has_trail = shape_of(parts["trail"]) != (0,)
+        trail = finite_array("state['trail']", parts["trail"], ("n", 2)) if has_trail else ()
+        is_lost = truth_value("state['stability_lost']", parts["stability_lost"])
+        self._simulation.restore_rows(rows)
+        self._stability_lost, self._trail = is_lost, list(trail)
+        self.np_random.bit_generator.state = generator.bit_generator.state
 
     def _checked(self, action: ArrayLike) -> Array:
-        values = np.array(action, dtype=np.float64)  # one layout, so that kernels are compiled once
-        if values.shape != self._action_shape:
-            raise ValueError(f"action must have shape {self._action_shape}, got {values.shape}")
-        if not all(map(math.isfinite, values)):
-            raise ValueError(f"action must be finite, got {values.tolist()}")
-        return values[None]
+        return finite_vector("action", action, self.mechanism.leg_count)[None]
 
     @staticmethod
     def _observation(outcome: Outcome) -> Observation:

@@ -4,26 +4,37 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorActionWrapper, VectorEnv, VectorWrapper
+from gymnasium.wrappers.vector import DictInfoToList
 from numpy.typing import NDArray
 
 from pcm_gym.arrays import Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.shield import Shield
 from pcm_gym.environments.single import MechanismEnv, Observation
-from pcm_gym.mechanism.validation import positive_number
+from pcm_gym.mechanism.validation import instance_of, positive_number
 
 Action = NDArray[np.float32]
 
 _THE_ONE = np.zeros(1, dtype=np.int64)  # the row of a single environment
 
 
-class CostStep(gymnasium.Wrapper[Observation, Action, Observation, Action]):
+class CostStep(gymnasium.Wrapper[Observation, Action, Observation, Action], RecordConstructorArgs):
     """Returns the cost beside the reward, as Safety-Gymnasium does: six values per step.
 
     ``observation, reward, cost, terminated, truncated, info = env.step(action)``. For libraries of safe reinforcement
     learning that expect it; what they hand on to must not be a wrapper or checker of Gymnasium's five values.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        An environment whose infos have a `cost`.
     """
+
+    def __init__(self, env: gymnasium.Env[Observation, Action]) -> None:
+        RecordConstructorArgs.__init__(self)
+        super().__init__(instance_of("env", env, gymnasium.Env))
 
     def step(  # type: ignore[override]  # six values instead of five are its purpose
         self, action: Action
@@ -33,7 +44,7 @@ class CostStep(gymnasium.Wrapper[Observation, Action, Observation, Action]):
         return observation, float(reward), float(info["cost"]), terminated, truncated, info
 
 
-class SolverShield(gymnasium.Wrapper[Observation, Action, Observation, Action]):
+class SolverShield(gymnasium.Wrapper[Observation, Action, Observation, Action], RecordConstructorArgs):
     """Asks what an action would do before it is done, and replaces one that is not safe by a safe one near it.
 
     An action is safe if its step arrives on the branch, stable and with a singularity margin of at least
@@ -72,13 +83,15 @@ class SolverShield(gymnasium.Wrapper[Observation, Action, Observation, Action]):
     """
 
     def __init__(self, env: gymnasium.Env[Observation, Action], least_margin: float | None = None) -> None:
+        own = instance_of("env", env, gymnasium.Env).unwrapped
+        if not isinstance(own, MechanismEnv):
+            raise TypeError(f"env must be an environment of pcm_gym, got {own!r}")
+        self.least_margin = _margin(own.singular_margin, least_margin)
+        RecordConstructorArgs.__init__(self, least_margin=self.least_margin)
         super().__init__(env)
-        if not isinstance(env.unwrapped, MechanismEnv):
-            raise TypeError(f"env must be an environment of pcm_gym, got {env.unwrapped!r}")
-        _refuse_changed_actions(env, gymnasium.ActionWrapper)
-        self._mechanism_env = env.unwrapped
-        self.least_margin = _margin(env.unwrapped.singular_margin, least_margin)
-        self._shield = Shield(env.unwrapped._simulation, self.least_margin)
+        _refuse(env, gymnasium.ActionWrapper, "change actions")
+        self._mechanism_env = own
+        self._shield = Shield(own._simulation, self.least_margin)
 
     def step(self, action: Action) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
         """Step with the action, or with the safe one that replaces it."""
@@ -99,7 +112,8 @@ class VectorSolverShield(VectorWrapper[Observation, Action, Observation, Action]
     Parameters
     ----------
     env : gymnasium.vector.VectorEnv
-        A native batch of this package, wrapped or not, but for wrappers that change actions: those go around this one.
+        A native batch of this package, wrapped or not, but for wrappers that change actions or make lists of infos:
+        those go around this one.
     least_margin : float, optional
         The threshold of `cost_singular` of the environments by default.
 
@@ -110,10 +124,11 @@ class VectorSolverShield(VectorWrapper[Observation, Action, Observation, Action]
     """
 
     def __init__(self, env: VectorEnv[Observation, Action, Any], least_margin: float | None = None) -> None:
-        super().__init__(env)
+        super().__init__(instance_of("env", env, VectorEnv))
         if not isinstance(env.unwrapped, MechanismVectorEnv):
             raise TypeError(f"env must be a native batch of pcm_gym, got {env.unwrapped!r}")
-        _refuse_changed_actions(env, VectorActionWrapper)
+        _refuse(env, VectorActionWrapper, "change actions")
+        _refuse(env, DictInfoToList, "make lists of infos")
         self._batch = env.unwrapped
         self.least_margin = _margin(env.unwrapped._simulation.settings.singular_margin, least_margin)
         self._shield = Shield(env.unwrapped._simulation, self.least_margin)
@@ -141,11 +156,11 @@ def _add_shielded(infos: dict[str, Any], is_replaced: Mask, has_stepped: Mask) -
     infos.update(shielded=is_replaced & has_stepped, _shielded=has_stepped)
 
 
-def _refuse_changed_actions(env: Any, kind: type) -> None:
-    """Raise if there is a wrapper that changes actions: they would not be those that were asked about."""
+def _refuse(env: Any, kind: type, what: str) -> None:
+    """Raise if there is a wrapper of a kind that does what the shield cannot stand on: actions asked about, infos."""
     while env is not env.unwrapped:
         if isinstance(env, kind):
-            raise ValueError(f"env must not change actions, put {env.__class__.__name__} around the shield; got {env}")
+            raise ValueError(f"env must not {what}, put {env.__class__.__name__} around the shield; got {env}")
         env = env.env
 
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pcm_gym.mechanism.validation import finite_number, finite_tuple, limit_pair, positive_number
+from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, positive_number, shown
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,16 @@ class Revolute:
 
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point at an input: the base, whatever the angle."""
+        finite_number("value", value)
         return self.base
 
     def clamp_direction(self, value: float) -> float:
         """Return the world angle, in rad, at which the rod leaves the clamp at an input."""
-        return self.clamp_angle + value
+        return self.clamp_angle + finite_number("value", value)
 
     def distance(self, point: tuple[float, float]) -> float:
         """Return the least distance, in m, of the clamped point from `point` over all inputs."""
-        return math.dist(self.base, point)
+        return math.dist(self.base, finite_tuple("point", point, 2))
 
 
 @dataclass(frozen=True)
@@ -140,17 +141,18 @@ class Prismatic:
 
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point, in m, at an input."""
-        x, y = self.axis
-        return self.base[0] + value * x, self.base[1] + value * y
+        (x, y), way = self.axis, finite_number("value", value)
+        return self.base[0] + way * x, self.base[1] + way * y
 
     def clamp_direction(self, value: float) -> float:
         """Return the world angle, in rad, at which the rod leaves the clamp: the same at every input."""
+        finite_number("value", value)
         return self.clamp_angle
 
     def distance(self, point: tuple[float, float]) -> float:
         """Return the least distance, in m, of the clamped point from `point` over all inputs."""
-        away_x, away_y = point[0] - self.base[0], point[1] - self.base[1]
-        x, y = self.axis
+        (there_x, there_y), (x, y) = finite_tuple("point", point, 2), self.axis
+        away_x, away_y = there_x - self.base[0], there_y - self.base[1]
         return abs(away_x * y - away_y * x)
 
 
@@ -175,7 +177,6 @@ class Leg:
 
     def __post_init__(self) -> None:
         if not isinstance(self.actuator, Actuator):
-            raise TypeError(f"actuator must be a Revolute or a Prismatic, got {self.actuator!r}")
-        if not isinstance(self.rod, Rod):
-            raise TypeError(f"rod must be a Rod, got {self.rod!r}")
+            raise TypeError(f"actuator must be a Revolute or a Prismatic, got {shown(self.actuator)}")
+        instance_of("rod", self.rod, Rod)
         object.__setattr__(self, "attachment", finite_tuple("attachment", self.attachment, 2))

@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics import closure
 from pcm_gym.mechanism.leg import Leg, Rod
-from pcm_gym.mechanism.validation import finite_tuple, finite_vector
+from pcm_gym.mechanism.validation import finite_tuple, finite_vector, instance_of, sequence_of, shape_of, shown, text
+
+# Largest coordinate of a base in lengths of the shortest rod: there a length is known to about 1e-7 of it.
+_FARTHEST_BASE = 1e9
 
 
 @dataclass(frozen=True)
@@ -103,11 +106,11 @@ class Mechanism:
     reference: Rod | None = None
 
     def __post_init__(self) -> None:
-        legs = tuple(self.legs)
+        text("name", self.name)
+        if not isinstance(self.description, str):
+            raise TypeError(f"description must be a string, got {shown(self.description)}")
+        legs = sequence_of("legs", self.legs, Leg)
         object.__setattr__(self, "legs", legs)
-        for leg in legs:
-            if not isinstance(leg, Leg):
-                raise TypeError(f"legs must be Leg objects, got {leg!r}")
         if len(legs) not in (2, 3):
             raise ValueError(f"legs must number 2 (point end-effector) or 3 (platform), got {len(legs)}")
         if len(legs) == 2 and any(leg.attachment != (0.0, 0.0) for leg in legs):
@@ -117,9 +120,33 @@ class Mechanism:
             )
         if len(legs) == 3 and len({leg.attachment for leg in legs}) == 1:
             raise ValueError(f"the attachments of a platform must not all coincide, got {legs[0].attachment}")
-        if self.reference is not None and not isinstance(self.reference, Rod):
-            raise TypeError(f"reference must be a Rod, got {self.reference!r}")
+        if self.reference is not None:
+            instance_of("reference", self.reference, Rod)
+        self._check_units()
+        limit = _FARTHEST_BASE * min(leg.rod.length for leg in legs)
+        for leg in legs:
+            if max(map(abs, leg.actuator.base)) > limit:
+                raise ValueError(
+                    f"base must be within {limit:g} of the origin, {_FARTHEST_BASE:g} lengths of the shortest rod: "
+                    f"double precision does not resolve the rod further away; got {leg.actuator.base}"
+                )
         self._check_home()
+
+    def _check_units(self) -> None:
+        """Raise where sizes are so far apart that some of them are nothing, or infinite, in the units of the others."""
+        try:
+            with np.errstate(all="ignore"):
+                units = self.units
+                factors = np.array([units.length, units.force, units.energy])
+                numbers = np.concatenate([factors, units.stiffness.ravel(), self.leg_table.ravel()])
+                is_sound = bool((factors > 0.0).all() and np.isfinite(numbers).all())
+        except (OverflowError, ZeroDivisionError):
+            is_sound = False
+        if not is_sound:
+            raise ValueError(
+                "legs must have lengths, stiffnesses and places that double precision can hold in units of each other, "
+                f"got {shown(self.legs)}"
+            )
 
     def _check_home(self) -> None:
         if self.home_inputs is None:
@@ -211,7 +238,7 @@ class Mechanism:
         full = np.zeros(self.dof)
         if load is None:
             return full
-        size = 2 if self.dof == 3 and np.shape(load) == (2,) else self.dof
+        size = 2 if self.dof == 3 and shape_of(load) == (2,) else self.dof
         full[:size] = finite_vector("load", load, size)
         return full
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from pcm_gym.mechanism.leg import Actuator, Leg, Prismatic, Revolute, Rod
 from pcm_gym.mechanism.mechanism import Mechanism
+from pcm_gym.mechanism.validation import shown
 
 _ACTUATORS: dict[str, type[Actuator]] = {"revolute": Revolute, "prismatic": Prismatic}
 
@@ -31,8 +32,8 @@ def mechanism_from_json(text: str) -> Mechanism:
         legs = tuple(_leg(entry) for entry in content.pop("legs"))
         reference = content.pop("reference", None)
         return Mechanism(legs=legs, reference=reference and Rod(**reference), **content)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"the text does not describe a mechanism: {error!r}") from error
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise ValueError(f"the text does not describe a mechanism: {shown(error)}") from error
 
 
 def _leg(entry: dict[str, Any]) -> Leg:

@@ -1,7 +1,8 @@
 """Solving mechanisms: equilibria, branches, stability.
 
 Read `equilibrium` first, the value that all others take and return. `enumeration` finds every one at given inputs or at
-a given pose (`solutions`: sets of them; `certification`: the proof that a set is complete), and `home` chooses one.
+a given pose (`solutions`: sets of them; `families`: those that are not isolated; `search_frame`: in which units;
+`certification`: the proof that a set is complete), and `home` chooses one.
 `tracking` follows one along a way (`path_certification`: the proof that it did), `relaxation` lets it fall,
 `fold_distance` measures how far it is from falling.
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
@@ -20,6 +21,8 @@ Public functions take and return N, m and rad. `Units` leads into the kernels, a
 """
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
+from pcm_gym.solving.atlas_file import AtlasError
+from pcm_gym.solving.budget import SearchBudgetError, search_budget
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.crossings import Crossing, find_crossings
@@ -34,11 +37,12 @@ from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
 from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
 from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
 from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
-from pcm_gym.solving.solutions import EquilibriumSet, StableStates
+from pcm_gym.solving.solutions import EquilibriumSet, Family, FamilyKind, StableStates
 from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
 __all__ = [
     "Atlas",
+    "AtlasError",
     "Branch",
     "BranchTracker",
     "Certificate",
@@ -47,6 +51,8 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSet",
     "Event",
+    "Family",
+    "FamilyKind",
     "NearestFold",
     "PathCertificate",
     "Raster",
@@ -54,6 +60,7 @@ __all__ = [
     "Region",
     "Roadmap",
     "RodState",
+    "SearchBudgetError",
     "SingularCurve",
     "Snap",
     "SnapStatus",
@@ -70,6 +77,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "nearest_fold",
+    "search_budget",
     "snap",
     "solve_forward",
     "solve_inverse",

@@ -3,7 +3,6 @@
 import os
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -13,8 +12,17 @@ from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts import flood
 from pcm_gym.kernels.numerics.rasters import INPUTS, POSES, Rasters
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, one_of, whole_number
-from pcm_gym.solving.atlas_file import read_atlas, write_atlas
+from pcm_gym.mechanism.validation import (
+    check_kinds,
+    file_path,
+    finite_number,
+    instance_of,
+    one_of,
+    positive_number,
+    shown,
+    whole_number,
+)
+from pcm_gym.solving.atlas_file import AtlasError, read_atlas, write_atlas
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
@@ -23,7 +31,7 @@ from pcm_gym.solving.solutions import StableStates
 Over = Literal["poses", "inputs"]
 
 _SPACES = {"inputs": INPUTS, "poses": POSES}
-_MOST_ROUNDS = 100
+_MOST_ROUNDS, _MOST_SAMPLES = 100, 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +57,9 @@ class Branch:
     input_region: Region
     contains_home: bool
     largest_rho: float
+
+    def __post_init__(self) -> None:
+        check_kinds(self, number=int, workspace=Region, input_region=Region, contains_home=bool, largest_rho=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +91,17 @@ class Atlas:
     over_poses: RasterStates
 
     def __post_init__(self) -> None:
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        object.__setattr__(self, "load", mechanism.check_load(self.load))
+        object.__setattr__(self, "rho_max", positive_number("rho_max", self.rho_max))
         for name in ("over_inputs", "over_poses"):
-            if len(getattr(self, name).raster.shape) != self.mechanism.dof:
-                raise ValueError(f"{name} must have {self.mechanism.dof} axes for mechanism {self.mechanism.name!r}")
+            if len(instance_of(name, getattr(self, name), RasterStates).raster.shape) != mechanism.dof:
+                raise ValueError(f"{name} must have {mechanism.dof} axes for mechanism {mechanism.name!r}")
+        numbers = np.unique(np.concatenate([self.over_inputs.branches, self.over_poses.branches]))
+        if not np.array_equal(numbers, np.arange(len(numbers))):
+            raise ValueError(f"branches must be numbered from 0 on without a gap, got {shown(numbers)}")
+        if self.home_branch is not None:
+            whole_number("home_branch", self.home_branch, least=0, most=len(numbers) - 1)
 
     @cached_property
     def branches(self) -> tuple[Branch, ...]:
@@ -119,7 +138,7 @@ class Atlas:
         raster = region.raster
         if self.mechanism.dof == 2:
             if orientation is not None:
-                raise ValueError(f"orientation must be None for a point end-effector, got {orientation}")
+                raise ValueError(f"orientation must be None for a point end-effector, got {shown(orientation)}")
             return region
         plane = Raster(raster.shape[:2], raster.first_node[:2], raster.pitch[:2], raster.is_closed[:2])
         if orientation is None:
@@ -161,11 +180,13 @@ class Atlas:
         ValueError
             If it belongs to another mechanism or bears another load.
         """
-        if equilibrium.mechanism != self.mechanism:
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != self.mechanism:
             raise ValueError(f"equilibrium must belong to the atlas's mechanism, got one of {equilibrium.mechanism}")
         if not np.array_equal(equilibrium.load, self.load):
             raise ValueError(f"equilibrium must bear the atlas's load {self.load}, got {equilibrium.load}")
-        if not (equilibrium.is_stable and equilibrium.within_limits):
+        inputs = equilibrium.inputs
+        is_within = bool(np.all((self.mechanism.lower_limits <= inputs) & (inputs <= self.mechanism.upper_limits)))
+        if not (equilibrium.is_stable and is_within):
             return None
         own = StableStates(
             self.mechanism, self.load, equilibrium.state[None], equilibrium.inputs[None], np.array([-1], np.int32)
@@ -198,7 +219,8 @@ class Atlas:
         beyond the border of the sheet are drawn again. Some tens of microseconds each.
         """
         sheets = self._sheets(over)
-        count = whole_number("count", count, least=0)
+        instance_of("rng", rng, np.random.Generator)
+        count = whole_number("count", count, least=0, most=_MOST_SAMPLES)
         rows = np.arange(len(sheets)) if branch is None else np.flatnonzero(sheets.branches == self._checked(branch))
         parts, missing = [self._stored(over, rows[:0])], count
         for _ in range(_MOST_ROUNDS if len(rows) else 0):
@@ -221,7 +243,7 @@ class Atlas:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the atlas to a file: a compressed NumPy archive (npz) with the mechanism as JSON inside."""
-        write_atlas(Path(path), {field.name: getattr(self, field.name) for field in fields(self)})
+        write_atlas(file_path("path", path), {field.name: getattr(self, field.name) for field in fields(self)})
 
     def __repr__(self) -> str:
         """Return a line on the whole and one per branch."""
@@ -246,9 +268,7 @@ class Atlas:
         return self.over_inputs if over == "inputs" else self.over_poses
 
     def _checked(self, branch: int) -> int:
-        if not 0 <= branch < len(self.branches):
-            raise ValueError(f"branch must be one of 0 to {len(self.branches) - 1}, got {branch}")
-        return branch
+        return whole_number("branch", branch, least=0, most=len(self.branches) - 1)
 
     def _stored(self, over: Over, rows: Integers) -> StableStates:
         """Return equilibria of the sheets as they are stored, in single precision."""
@@ -297,12 +317,16 @@ def load_atlas(path: str | os.PathLike[str]) -> Atlas:
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not an atlas, is of another version, or its arrays do not fit together.
+    AtlasError
+        If it is not an atlas, is of another version, or its arrays do not fit together; a `ValueError`. If there is no
+        such file it is a `FileNotFoundError` as well.
     """
-    return Atlas(**read_atlas(Path(path)))
+    checked = file_path("path", path)
+    content = read_atlas(checked)
+    try:
+        return Atlas(**content)
+    except (TypeError, ValueError) as error:
+        raise AtlasError(f"{checked} is a damaged atlas: {error}") from error
 
 
 def flat_rasters(inputs: Raster, poses: Raster, mechanism: Mechanism) -> Rasters:

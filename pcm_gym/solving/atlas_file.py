@@ -10,13 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcm_gym.mechanism import mechanism_from_json, mechanism_to_json
+from pcm_gym.mechanism.validation import shown
 from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
 
 FORMAT = "pcm_gym atlas"
 VERSION = 1
 
+# An atlas takes some 10 MB, of a platform some 100 MB; what unpacks to more than this, in bytes, is none.
+LARGEST = 1 << 33
+
 Arrays = dict[str, NDArray[Any]]
+
+
+class AtlasError(ValueError):
+    """A file that cannot be read as an atlas; the message says why."""
+
+
+class AtlasNotFoundError(AtlasError, FileNotFoundError):
+    """There is no such file."""
 
 
 def write_atlas(path: Path, content: Mapping[str, Any]) -> None:
@@ -40,36 +52,47 @@ def read_atlas(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it is not an atlas, is of another version, or its arrays do not fit together.
+    AtlasError
+        If it is not an atlas, is of another version, or its arrays do not fit together; `AtlasNotFoundError` if there
+        is no such file.
     """
     try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST:
+            raise AtlasError(f"{path} is not an atlas: it holds {size} bytes, and an atlas at most {LARGEST}")
         with path.open("rb") as file, np.lib.npyio.NpzFile(file) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, EOFError, ValueError) as error:
-        raise ValueError(f"{path} is not an atlas: {error}") from error
-    if str(arrays.get("format")) != FORMAT:
-        raise ValueError(f"{path} is not an atlas: it has no entry 'format' that says {FORMAT!r}")
-    version = arrays.get("version")
-    if version != VERSION:
-        raise ValueError(f"{path} is an atlas of version {version}; this is version {VERSION}: build it again")
+    except AtlasError:
+        raise
+    except FileNotFoundError as error:
+        raise AtlasNotFoundError(f"{path} cannot be read: {error.strerror}") from error
+    except Exception as error:  # whatever a file's bytes lead zipfile, zlib and NumPy to
+        raise AtlasError(f"{path} is not an atlas: {error}") from error
+    if shown(arrays.get("format")) != shown(np.array(FORMAT)):
+        raise AtlasError(f"{path} is not an atlas: it has no entry 'format' that says {FORMAT!r}")
+    version = arrays.get("version", np.array(-1))
+    if not np.array_equal(version, VERSION):
+        raise AtlasError(f"{path} is an atlas of version {version}; this is version {VERSION}: build it again")
     try:
-        mechanism = mechanism_from_json(str(arrays["mechanism"]))
-        home_branch = int(arrays["home_branch"])
-        return {
-            "mechanism": mechanism,
-            "load": mechanism.check_load(arrays["load"]),
-            "rho_max": float(arrays["rho_max"]),
-            "home_branch": None if home_branch < 0 else home_branch,
-            "over_inputs": _unpacked("over_inputs", arrays),
-            "over_poses": _unpacked("over_poses", arrays),
-        }
+        return _fields(arrays)
     except KeyError as error:
-        raise ValueError(f"{path} is a damaged atlas: it has no entry {error}") from error
-    except ValueError as error:
-        raise ValueError(f"{path} is a damaged atlas: {error}") from error
+        raise AtlasError(f"{path} is a damaged atlas: it has no entry {error}") from error
+    except Exception as error:  # whatever wrong types and shapes of entries lead to
+        raise AtlasError(f"{path} is a damaged atlas: {error}") from error
+
+
+def _fields(arrays: Arrays) -> dict[str, Any]:
+    mechanism = mechanism_from_json(str(arrays["mechanism"]))
+    home_branch = int(arrays["home_branch"])
+    return {
+        "mechanism": mechanism,
+        "load": mechanism.check_load(arrays["load"]),
+        "rho_max": float(arrays["rho_max"]),
+        "home_branch": None if home_branch < 0 else home_branch,
+        "over_inputs": _unpacked("over_inputs", arrays),
+        "over_poses": _unpacked("over_poses", arrays),
+    }
 
 
 def _packed(name: str, sheets: RasterStates) -> Arrays:

@@ -8,20 +8,28 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.proofs.certification import (
+    GOES_ON,
+    RESOLVED,
     Undecided,
-    bound_inverse_errors,
-    bound_state_errors,
     find_open_pairs,
+    make_open_pairs,
+    make_resolution,
     make_undecided,
     prove_all,
     resolve,
-    set_inverse_state,
-    set_state,
+    set_parts,
 )
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
 from pcm_gym.kernels.proofs.path_proof import LARGEST_GAP
+from pcm_gym.kernels.proofs.proved_states import (
+    bound_inverse_errors,
+    bound_state_errors,
+    set_inverse_state,
+    set_state,
+)
 from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_inverse_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, instance_of, shown
 from pcm_gym.solving.equilibrium import Equilibrium
 
 # Halvings of the rod's table of cells, and loads rho_max beyond which there is one more of them.
@@ -52,8 +60,13 @@ class UndecidedRegion:
     rho: Array
     tip_angle: Array
 
+    def __post_init__(self) -> None:
+        check_kinds(self, reason=str, rho=np.ndarray, tip_angle=np.ndarray)
+
     def contains(self, equilibrium: Equilibrium) -> bool:
         """Return whether an equilibrium lies in the region, or as near to it as its rounding errors may be."""
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism.leg_count != 2:
+            raise ValueError(f"equilibrium must be one of two legs, got {shown(equilibrium)}")
         return self._contains_loads(_polar_loads(equilibrium.state[np.newaxis])[0])
 
     def _contains_loads(self, loads: Array) -> bool:
@@ -106,6 +119,9 @@ class Certificate:
     undecided: tuple[UndecidedRegion, ...]
     examined: int
     error: float
+
+    def __post_init__(self) -> None:
+        check_kinds(self, rho_max=float, proved_count=int, undecided=tuple, examined=int, error=float)
 
     @property
     def is_proved(self) -> bool:
@@ -212,12 +228,10 @@ def _prove(frames: Frames, rho_max: float, states: Array) -> "_Outcome":
     proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
     prove_all(frames, loads, proved)
     levels = _LEVELS + sum(rho_max > load for load in _LARGE_LOADS)
-    first, second = (_unit_cells(levels, rho_max, int(kind)) for kind in frames.kinds)
-    pairs = np.empty((_MOST_OPEN, 2), dtype=np.int64)
-    count = find_open_pairs((first, second), frames, proved, pairs)
-    if count <= _MOST_OPEN:
-        is_finished = resolve(first, frames, pairs[:count], _MOST_EXAMINED, proved, undecided)
-        regions = _undecided_regions(undecided, is_finished)
+    tables = [_unit_cells(levels, rho_max, int(kind)) for kind in frames.kinds]
+    pairs = _open_pairs(tables, frames, proved)
+    if pairs is not None:
+        regions = _undecided_regions(undecided, _is_resolved(tables[0], frames, pairs, proved, undecided))
     else:
         regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
     boxes = _Boxes.of(proved)
@@ -262,6 +276,28 @@ class _Outcome:
     def certificate(self, rho_max: float, errors: Array) -> Certificate:
         """Return the certificate, with bounds of the errors of all states that are returned."""
         return Certificate(rho_max, self.count, self.regions, self.examined, float(errors.max(initial=0.0)))
+
+
+def _open_pairs(tables: list[UnitCells], frames: Frames, proved: Proved) -> Integers | None:
+    """Return the pairs of leaves that may hold another equilibrium, (m, 2); None if they are too many.
+
+    `tables` are those of both legs, with the same cells.
+    """
+    search = make_open_pairs(tables[0], _MOST_OPEN)
+    for leg, table in enumerate(tables):
+        set_parts(table, frames, leg, search)
+    while find_open_pairs(tables[0], proved, search):
+        if search.counts[1] == _MOST_OPEN:
+            return None
+    return search.pairs[: search.counts[1]]
+
+
+def _is_resolved(cells: UnitCells, frames: Frames, pairs: Integers, proved: Proved, undecided: Undecided) -> bool:
+    """Examine pairs of leaves until all is proved or undecided; return False where a limit was met first."""
+    search, status = make_resolution(pairs), GOES_ON
+    while status == GOES_ON:
+        status = resolve(cells, frames, search, _MOST_EXAMINED, proved, undecided)
+    return status == RESOLVED
 
 
 @dataclass(frozen=True, eq=False)

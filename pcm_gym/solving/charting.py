@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.charts import flood
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, positive_number, whole_number
+from pcm_gym.mechanism.validation import finite_number, instance_of, positive_number, shown, truth_value, whole_number
 from pcm_gym.solving.atlas import Atlas, flat_rasters
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -21,7 +21,8 @@ from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
 
 _FIRST_CAPACITY = 1 << 16
-_EXPANDED_AT_ONCE = 2048
+_EXPANDED_AT_ONCE = 256
+_MOST_CELLS = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ def build_atlas(
     microseconds for each equilibrium, and for each seed a few ms, for a platform up to a second: 15 s for the 2RFR of
     the catalogue.
     """
-    over_inputs, over_poses, seeds = _rasters(mechanism, **resolution)
+    over_inputs, over_poses, seeds = _rasters(instance_of("mechanism", mechanism, Mechanism), **resolution)
+    truth_value("progress", progress)
     load = mechanism.check_load(load)
     chart = _Chart(mechanism, load, positive_number("rho_max", rho_max), over_inputs, over_poses)
     with progress_bars("atlas", progress) as bars:
@@ -224,6 +226,9 @@ def _rasters(
     step = positive_number("pitch", defaults.pitch * mechanism.units.length if pitch is None else pitch)
     nodes = whole_number("seed_nodes", defaults.seed_nodes if seed_nodes is None else seed_nodes, least=1)
     cells = whole_number("input_cells", defaults.input_cells if input_cells is None else input_cells, least=1)
+    for name, count in (("seed_nodes", nodes), ("input_cells", cells)):
+        if count**mechanism.dof > _MOST_CELLS:
+            raise ValueError(f"{name} must be fewer: at most {_MOST_CELLS} cells over all inputs, got {shown(count)}")
     over_poses = _pose_raster(mechanism, step, orientation)
     return _input_raster(mechanism, cells), over_poses, _input_raster(mechanism, nodes)
 
@@ -242,12 +247,16 @@ def _pose_raster(mechanism: Mechanism, pitch: float, orientation: float | None) 
         lower, upper = np.maximum(lower, clamps.min(axis=0) - reach), np.minimum(upper, clamps.max(axis=0) + reach)
     if (upper <= lower).any():
         raise ValueError(f"the legs of mechanism {mechanism.name!r} have no point that all can reach")
-    counts = np.ceil((upper - lower) / pitch - 1e-9).astype(int)
+    cells = np.maximum(np.ceil((upper - lower) / max(pitch, 1e-300) - 1e-9), 1.0)
+    angles = 1.0 if mechanism.dof == 2 or orientation is not None else float(_ANGLE_CELLS)
+    if not cells[0] * cells[1] * angles <= _MOST_CELLS:
+        raise ValueError(f"pitch must leave at most {_MOST_CELLS} cells over the poses, got {pitch:g}")
+    counts = cells.astype(int)
     middle, half = 0.5 * (lower + upper), 0.5 * counts * pitch
     lower, upper, shape = middle - half, middle + half, tuple(counts.tolist())
     if mechanism.dof == 2:
         if orientation is not None:
-            raise ValueError(f"orientation must be None for a point end-effector, got {orientation}")
+            raise ValueError(f"orientation must be None for a point end-effector, got {shown(orientation)}")
         return Raster.over(lower, upper, shape, (False, False))
     if orientation is None:
         return Raster.over([*lower, -math.pi], [*upper, math.pi], (*shape, _ANGLE_CELLS), (False, False, True))

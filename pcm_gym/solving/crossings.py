@@ -10,6 +10,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.branches.curves import Problem, crossing_segments, point_beside
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE
+from pcm_gym.mechanism.validation import check_kinds, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.singular_curve import SingularCurve
 
@@ -38,6 +39,9 @@ class Crossing:
     equilibria: tuple[Equilibrium, Equilibrium]
     point: Array
 
+    def __post_init__(self) -> None:
+        check_kinds(self, curves=tuple, equilibria=tuple, point=np.ndarray)
+
 
 def find_crossings(curves: Sequence[SingularCurve]) -> tuple[Crossing, ...]:
     """Return all crossings of these curves with each other and with themselves.
@@ -55,6 +59,7 @@ def find_crossings(curves: Sequence[SingularCurve]) -> tuple[Crossing, ...]:
     ValueError
         If the curves do not belong together.
     """
+    curves = sequence_of("curves", curves, SingularCurve)
     if not curves:
         return ()
     first = curves[0]
@@ -99,13 +104,16 @@ class _Plane:
 
     def segments(self, first: SingularCurve, second: SingularCurve, *, is_same: bool) -> Integers:
         """Return the pairs of segments, by their first vertices, that cross on the polygons, (m, 2)."""
-        capacity, points = _FIRST_CAPACITY, (first.points / self.units, second.points / self.units)
-        while True:
+        points, found = (first.points / self.units, second.points / self.units), [np.empty((0, 2), dtype=np.int64)]
+        start, capacity = 0, _FIRST_CAPACITY
+        while start < len(first.points) - 1:
             pairs = np.empty((capacity, 2), dtype=np.int64)
-            count = crossing_segments(*points, self.periods, is_same, pairs)
+            count, end = crossing_segments(*points, self.periods, is_same, start, pairs)
             if count <= capacity:
-                return pairs[:count]
-            capacity = count
+                found.append(pairs[:count])
+                start = end
+            capacity = max(capacity, count)
+        return np.concatenate(found)
 
     def refine(
         self, first: SingularCurve, second: SingularCurve, k: int, n: int

@@ -11,7 +11,7 @@ from pcm_gym.kernels.branches.curves import Problem, polish
 from pcm_gym.kernels.branches.singularity import FORWARD, normal_at
 from pcm_gym.kernels.statics.closure import LOWER, UPPER
 from pcm_gym.kernels.statics.states import Point
-from pcm_gym.mechanism.validation import positive_number
+from pcm_gym.mechanism.validation import check_kinds, instance_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
 
 _RAYS = 128
@@ -40,6 +40,9 @@ class NearestFold:
     equilibrium: Equilibrium
     distance: float
     direction: Array
+
+    def __post_init__(self) -> None:
+        check_kinds(self, equilibrium=Equilibrium, distance=float, direction=np.ndarray)
 
     @property
     def inputs(self) -> Array:
@@ -70,8 +73,9 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
     Notes
     -----
     Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs;
-    `Equilibrium.singularity_margin` estimates the distance in microseconds.
+    `Equilibrium.singularity_margin` estimates the distance in microseconds, on the safe side.
     """
+    instance_of("equilibrium", equilibrium, Equilibrium)
     if reach is None:
         mechanism = equilibrium.mechanism
         ranges = mechanism.units.kernel_from_inputs(mechanism.upper_limits - mechanism.lower_limits)

@@ -1,5 +1,6 @@
 """Proof that one branch of equilibria leads along a path through equilibria, and that its Morse index stays."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from pcm_gym.kernels.proofs.path_proof import (
     prove_pieces,
 )
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, instance_of, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
 
 # Pieces tried in a call of the kernel, which cannot be interrupted, and in all.
@@ -72,6 +74,9 @@ class PathCertificate:
     index: int
     error: float
     tubes: int
+
+    def __post_init__(self) -> None:
+        check_kinds(self, reason=str, line=int, fraction=float, index=int, error=float, tubes=int)
 
     @property
     def is_proved(self) -> bool:
@@ -132,21 +137,20 @@ def certify_path(mechanism: Mechanism, equilibria: Sequence[Equilibrium]) -> Pat
         line,
         fraction,
         int(progress.morse_index[0]),
-        float(known.max()) if len(known) else np.inf,
+        float(known.max()) if len(known) else math.inf,
         int(progress.tubes[0]),
     )
 
 
-def _checked(mechanism: Mechanism, equilibria: Sequence[Equilibrium]) -> list[Equilibrium]:
-    equilibria = list(equilibria)
-    if len(equilibria) < 2:
-        raise ValueError(f"equilibria must be at least two, got {len(equilibria)}")
-    for n, equilibrium in enumerate(equilibria):
-        if not isinstance(equilibrium, Equilibrium):
-            raise TypeError(f"equilibria must be of type Equilibrium, got {equilibrium!r} in place {n}")
+def _checked(mechanism: Mechanism, equilibria: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:
+    instance_of("mechanism", mechanism, Mechanism)
+    members: tuple[Equilibrium, ...] = sequence_of("equilibria", equilibria, Equilibrium)
+    if len(members) < 2:
+        raise ValueError(f"equilibria must be at least two, got {len(members)}")
+    for n, equilibrium in enumerate(members):
         if equilibrium.mechanism != mechanism:
             raise ValueError(
                 f"equilibria must belong to the mechanism {mechanism.name!r}, got one of "
                 f"{equilibrium.mechanism.name!r} in place {n}"
             )
-    return equilibria
+    return members

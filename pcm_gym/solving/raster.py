@@ -9,6 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.mechanism.validation import (
+    finite_array,
+    finite_vector,
+    instance_of,
+    sequence_of,
+    truth_array,
+    whole_array,
+)
+
+# Most cells of a raster, and places beyond which points are equally far away.
+_LARGEST, _FARTHEST = 1 << 40, 1e15
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +43,24 @@ class Raster:
     pitch: Array
     is_closed: tuple[bool, ...]
 
+    def __post_init__(self) -> None:
+        shape = tuple(whole_array("shape", self.shape, ("d",), 1, _LARGEST).tolist())
+        if not shape or math.prod(shape) > _LARGEST:
+            raise ValueError(f"shape must have an axis, and at most {_LARGEST} cells, got {shape}")
+        axes = sequence_of("is_closed", self.is_closed, bool | np.bool_)
+        if len(axes) != len(shape):
+            raise ValueError(f"is_closed must have {len(shape)} values, one for each axis, got {axes}")
+        pitch = finite_vector("pitch", self.pitch, len(shape))
+        if not (pitch > 0.0).all():
+            raise ValueError(f"pitch must be greater than 0, got {pitch.tolist()}")
+        first_node = finite_vector("first_node", self.first_node, len(shape))
+        self.__dict__.update(shape=shape, first_node=first_node, pitch=pitch, is_closed=tuple(map(bool, axes)))
+
     @classmethod
     def over(cls, lower: ArrayLike, upper: ArrayLike, shape: tuple[int, ...], is_closed: tuple[bool, ...]) -> "Raster":
         """Return the raster whose cells fill the box from `lower` to `upper`."""
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        whole_array("shape", shape, ("d",), 1, _LARGEST)
+        lower, upper = finite_vector("lower", lower, len(shape)), finite_vector("upper", upper, len(shape))
         pitch = (upper - lower) / shape
         return cls(shape, lower + 0.5 * pitch, pitch, is_closed)
 
@@ -64,22 +89,28 @@ class Raster:
 
     def nodes(self, cells: ArrayLike) -> Array:
         """Return the nodes (n, d) of cells (n,)."""
-        places = np.stack(np.unravel_index(np.asarray(cells), self.shape), axis=-1)
+        checked = whole_array("cells", cells, ("n",), 0, self.size - 1)
+        places = np.stack(np.unravel_index(checked, self.shape), axis=-1)
         nodes: Array = self.first_node + places * self.pitch
         return nodes
 
     def cells_of(self, points: ArrayLike) -> Integers:
         """Return the cells (n,) in which points (n, d) lie, -1 for those beyond the raster."""
-        places = np.rint((np.asarray(points) - self.first_node) / self.pitch).astype(np.int64)
-        return self._cells(places)
+        return self._cells(np.rint(self._places(finite_array("points", points, ("n", len(self.shape))))))
 
     def cells_around(self, point: ArrayLike) -> Integers:
         """Return the cells, up to 2^d, between whose nodes a point (d,) lies."""
-        below = np.floor((np.asarray(point) - self.first_node) / self.pitch).astype(np.int64)
+        below = np.floor(self._places(finite_vector("point", point, len(self.shape))))
         cells = self._cells(below + np.array(list(itertools.product((0, 1), repeat=len(self.shape)))))
         return np.unique(cells[cells >= 0])
 
-    def _cells(self, places: Integers) -> Integers:
+    def _places(self, points: Array) -> Array:
+        """Return where points (..., d) are among the nodes, which are at 0, 1, ..., along each axis."""
+        with np.errstate(over="ignore"):
+            return np.asarray(np.clip((points - self.first_node) / self.pitch, -_FARTHEST, _FARTHEST))
+
+    def _cells(self, numbers: Array) -> Integers:
+        places = numbers.astype(np.int64)
         places = np.where(self.is_closed, places % self.shape, places)
         is_within = np.all((places >= 0) & (places < self.shape), axis=-1)
         cells = np.ravel_multi_index(tuple(np.where(is_within[..., None], places, 0).T), self.shape)
@@ -98,6 +129,10 @@ class Region:
 
     raster: Raster
     mask: Mask
+
+    def __post_init__(self) -> None:
+        shape = instance_of("raster", self.raster, Raster).shape
+        object.__setattr__(self, "mask", truth_array("mask", self.mask, shape))
 
     @property
     def area(self) -> float:

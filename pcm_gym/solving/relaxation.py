@@ -3,10 +3,13 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.snaps import snap as kernels
 from pcm_gym.kernels.snaps.relaxation import LARGEST_DISTURBANCE
 from pcm_gym.kernels.statics.states import Point
+from pcm_gym.mechanism.validation import check_kinds, instance_of
 from pcm_gym.solving.equilibrium import Equilibrium
 
 _LARGEST_RESIDUAL = 1e-6
@@ -59,6 +62,9 @@ class Snap:
     energy_released: float
     energies: Array = field(repr=False, compare=False)
 
+    def __post_init__(self) -> None:
+        check_kinds(self, equilibrium=Equilibrium, status=SnapStatus, energy_released=float, energies=np.ndarray)
+
     @property
     def is_landed(self) -> bool:
         """Whether the mechanism came to rest at a stable equilibrium."""
@@ -101,7 +107,7 @@ def snap(equilibrium: Equilibrium) -> Snap:
 
     1 to 2 ms for two rods, about 4 ms for three.
     """
-    if not equilibrium.residual < _LARGEST_RESIDUAL:
+    if not instance_of("equilibrium", equilibrium, Equilibrium).residual < _LARGEST_RESIDUAL:
         raise ValueError(f"equilibrium must be one, got a state with residual {equilibrium.residual:.3g}")
     found = _motion_from(equilibrium)
     if found.status == SnapStatus.STAYED and equilibrium.index == 0:
@@ -116,8 +122,9 @@ def snap(equilibrium: Equilibrium) -> Snap:
 def _motion_from(equilibrium: Equilibrium) -> Snap:
     mechanism, units = equilibrium.mechanism, equilibrium.mechanism.units
     point = Point(*equilibrium.kernel_values())
-    code, energy_released, energies = kernels.snap(mechanism.leg_table, point)
-    status, energies = _STATUSES[code], energies * units.energy
+    recorded = np.empty(kernels.MOST_ENERGIES)
+    code, energy_released, steps = kernels.snap(mechanism.leg_table, point, recorded)
+    status, energies = _STATUSES[code], recorded[: steps + 1] * units.energy
     energies.setflags(write=False)
     if status != SnapStatus.LANDED:
         return Snap(equilibrium, status, 0.0, energies)

@@ -16,7 +16,16 @@ from pcm_gym.kernels.numerics.rasters import NOWHERE, Rasters
 from pcm_gym.kernels.snaps.instability import SNAP
 from pcm_gym.kernels.statics.states import States, are_same
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_vector
+from pcm_gym.mechanism.validation import (
+    finite_array,
+    finite_vector,
+    instance_of,
+    limit_not_negative,
+    number_not_negative,
+    sequence_of,
+    whole_array,
+    whole_number,
+)
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.raster import Raster
 
@@ -68,6 +77,21 @@ class Roadmap:
     ways: Integers
     seeds: tuple[int, ...]
 
+    def __post_init__(self) -> None:
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        cells = whole_array("cells", self.cells, ("n",), 0, instance_of("raster", self.raster, Raster).size - 1)
+        count = len(cells)
+        checked: dict[str, Any] = {
+            "load": mechanism.check_load(self.load),
+            "least_margin": number_not_negative("least_margin", self.least_margin),
+            "states": finite_array("states", self.states, (count, mechanism.state_size)),
+            "inputs": finite_array("inputs", self.inputs, (count, mechanism.leg_count)),
+            "cells": cells,
+            "ways": whole_array("ways", self.ways, (count, 2 * mechanism.leg_count), -1, count - 1),
+            "seeds": tuple(whole_array("seeds", self.seeds, ("n",), -1, count - 1).tolist()),
+        }
+        self.__dict__.update(checked)
+
     def __len__(self) -> int:
         """Return the number of nodes."""
         return len(self.cells)
@@ -115,17 +139,22 @@ class Roadmap:
         most : float
             Ways of more steps count as none.
         """
-        graph = self._graph
+        graph, sources = self._graph, self.checked_nodes("nodes", nodes)
+        falls = None if falls is None else whole_array("falls", falls, ("m", 2), 0, len(self) - 1)
+        most = limit_not_negative("most", most)
+        if not len(self):
+            return np.empty((0, 0)), np.empty((0, 0))
         if falls is not None and len(falls):
             weights = np.full(len(falls), _FALL_STEPS + _FALL)
             graph = graph + sparse.csr_array((weights, (falls[:, 0], falls[:, 1])), shape=graph.shape)
-        lengths = csgraph.dijkstra(graph, indices=np.asarray(nodes, dtype=np.int64), limit=_MOST_FALLS * _FALL + most)
+        lengths = csgraph.dijkstra(graph, indices=sources, limit=_MOST_FALLS * _FALL + most)
         counts, steps = np.divmod(np.where(np.isfinite(lengths), lengths, -1.0), _FALL)
         leads_there = (counts >= 0.0) & (steps <= most)
         return np.where(leads_there, steps, np.inf), np.where(leads_there, counts, np.inf)
 
     def way(self, start: int, goal: int) -> Integers:
         """Return the nodes of a shortest way from `start` to `goal`, both included; empty where there is none."""
+        start, goal = self._checked("start", start), self._checked("goal", goal)
         _, before = csgraph.dijkstra(self._graph, indices=start, unweighted=True, return_predecessors=True)
         if start != goal and before[goal] < 0:
             return np.empty(0, dtype=np.int64)
@@ -136,7 +165,15 @@ class Roadmap:
 
     def equilibrium(self, node: int) -> Equilibrium:
         """Return the equilibrium of a node."""
+        node = self._checked("node", node)
         return Equilibrium.unchecked(self.mechanism, self.states[node], self.inputs[node], self.load)
+
+    def checked_nodes(self, name: str, nodes: ArrayLike) -> Integers:
+        """Return nodes as a new array (n,); raise if one of them is none of the roadmap's."""
+        return whole_array(name, nodes, ("n",), 0, len(self) - 1)
+
+    def _checked(self, name: str, node: int) -> int:
+        return whole_number(name, node, least=0, most=len(self) - 1)
 
 
 def build_roadmap(
@@ -173,7 +210,9 @@ def build_roadmap(
     -----
     About 2 microseconds for each way between two nodes: 0.1 s for the 2RFR of the catalogue.
     """
-    load = _load_of(mechanism, seeds)
+    instance_of("mechanism", mechanism, Mechanism)
+    seeds = sequence_of("seeds", seeds, Equilibrium)
+    load, least_margin = _load_of(mechanism, seeds), number_not_negative("least_margin", least_margin)
     raster = roadmap_raster(mechanism, None if step is None else finite_vector("step", step, mechanism.leg_count))
     units, legs = mechanism.units, mechanism.leg_table
     rasters = Rasters(
@@ -183,12 +222,13 @@ def build_roadmap(
         np.zeros((1, mechanism.leg_count), dtype=np.bool_),
     )
     nodes = _with_room(_make_nodes(mechanism, raster.size), len(seeds))
-    planted = []
-    for seed in seeds:
-        planted.append(kernels.plant(legs, rasters, nodes, least_margin, *seed.kernel_values()))
+    sown = States(*map(np.array, zip(*(seed.kernel_values() for seed in seeds), strict=True)))
+    planted = np.empty(len(seeds), dtype=np.int64)
+    kernels.grow(legs, rasters, nodes, sown, least_margin, 0, planted)
+    sown = States(*(array[:0] for array in sown))
     while nodes.counts[1] < nodes.counts[0]:
         nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
-        kernels.grow(legs, rasters, nodes, least_margin, _EXPANDED_AT_ONCE)
+        kernels.grow(legs, rasters, nodes, sown, least_margin, _EXPANDED_AT_ONCE, planted[:0])
     count = int(nodes.counts[0])
     return Roadmap(
         mechanism,
@@ -199,7 +239,7 @@ def build_roadmap(
         units.inputs_from_kernel(nodes.states.inputs[:count]),
         nodes.cell[:count].copy(),
         nodes.ways[:count].copy(),
-        tuple(planted),
+        tuple(planted.tolist()),
     )
 
 
@@ -217,12 +257,14 @@ def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:
     -----
     A fall counts if it ends at a node. 1 to 5 ms for each border.
     """
-    numbers, units = np.random.default_rng(0), roadmap.mechanism.units
+    numbers, units = np.random.default_rng(0), instance_of("roadmap", roadmap, Roadmap).mechanism.units
+    most = whole_number("most", most, least=0)
+    if not len(roadmap):
+        return np.empty((0, 2), dtype=np.int64)
     starts, columns = np.nonzero(roadmap.ways < 0)
     labels = roadmap.components[starts]
-    chosen = np.concatenate(
-        [numbers.permutation(np.flatnonzero(labels == label))[:most] for label in range(labels.max(initial=-1) + 1)]
-    )
+    borders = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+    chosen = np.concatenate([starts[:0], *(numbers.permutation(own)[:most] for own in borders)])
     starts, axes, sides = starts[chosen], columns[chosen] // 2, 2.0 * (columns[chosen] % 2) - 1.0
     found = []
     for distance in range(1, _FALL_STEPS + 1):
@@ -257,7 +299,7 @@ def _node_with(roadmap: Roadmap, cell: int, x: Array) -> int:
 
 def _load_of(mechanism: Mechanism, seeds: Sequence[Equilibrium]) -> Array:
     if not seeds:
-        raise ValueError("seeds must hold at least one equilibrium")
+        raise ValueError("seeds must hold at least one equilibrium, got none")
     for seed in seeds:
         if seed.mechanism != mechanism:
             raise ValueError(

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import finite_array, instance_of, truth_value, whole_array, whole_number
 from pcm_gym.solving.equilibrium import Equilibrium
 
 
@@ -61,8 +63,22 @@ class SingularCurve:
     indices: tuple[int, int] | None
 
     def __post_init__(self) -> None:
-        for name in ("load", "states", "inputs", "tangents"):
-            getattr(self, name).setflags(write=False)
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        size, legs = mechanism.state_size, mechanism.leg_count
+        states = finite_array("states", self.states, ("n", size))
+        count = len(states)
+        checked: dict[str, Any] = {
+            "load": mechanism.check_load(self.load),
+            "states": states,
+            "inputs": finite_array("inputs", self.inputs, (count, legs)),
+            "tangents": finite_array("tangents", self.tangents, (count, size + legs)),
+        }
+        for array in checked.values():
+            array.setflags(write=False)
+        checked["is_forward"] = truth_value("is_forward", self.is_forward)
+        checked["plane"] = tuple(whole_array("plane", self.plane, (2,), 0, legs - 1).tolist())
+        checked["cusps"] = tuple(whole_array("cusps", self.cusps, ("n",), 0, count - 1).tolist())
+        self.__dict__.update(checked)
 
     def __len__(self) -> int:
         """Return the number of vertices."""
@@ -106,7 +122,8 @@ class SingularCurve:
         return np.hstack([self.states, self.mechanism.units.kernel_from_inputs(self.inputs)])
 
     def equilibrium(self, k: int) -> Equilibrium:
-        """Return the singular equilibrium at vertex `k`."""
+        """Return the singular equilibrium at vertex `k`, counted from the end where it is negative."""
+        k = whole_number("k", k, least=-len(self), most=len(self) - 1)
         return Equilibrium.unchecked(self.mechanism, self.states[k], self.inputs[k], self.load)
 
     def __repr__(self) -> str:

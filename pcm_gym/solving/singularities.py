@@ -14,25 +14,36 @@ from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.branches import curves as tracing
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, fold_sides
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_number, limit_pair, positive_number
+from pcm_gym.mechanism.validation import (
+    finite_number,
+    instance_of,
+    limit_pair,
+    mapping,
+    positive_number,
+    sequence_of,
+    shown,
+    truth_value,
+    whole_number,
+)
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
 
 _TURN = 2.0 * math.pi
 # Cells of the grid along each coordinate, of inputs and of poses.
-_FORWARD_GRID, _INVERSE_GRID = 8, 16
+_FORWARD_GRID, _INVERSE_GRID, _MOST_GRID = 8, 16, 1000
 # Part of a cell by which a periodic grid is shifted, lest its nodes lie on the symmetries of symmetric mechanisms.
 _GRID_SHIFT = 0.382
 # On a line equilibria are followed up to this multiple of the largest load, beyond which they may turn and come back.
 _LINE_REACH = 1.5
-_FIRST_CAPACITY, _LARGEST_CAPACITY = 1 << 13, 1 << 20
+# Points of a curve that are computed in one call of compiled code, and in all.
+_POINTS_AT_ONCE, _MOST_POINTS = 1 << 9, 1 << 20
 # The indices beside a fold are looked up at this distance from it, at so many places.
 _SIDE_DISTANCE, _SIDE_SAMPLES = 1e-4, 15
 
 
 # The kernels' codes, in their order.
-_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE, CurveEnd.SOLVER_FAILURE)
+_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE)
 
 
 class Window(TypedDict, total=False):
@@ -91,7 +102,9 @@ def forward_singularities(
     A few seconds for two legs. A platform takes as long as `solve_forward` takes on each node.
     """
     search = _Search.checked(mechanism, load, rho_max, is_forward=True, **window)
-    return search.run(index, progress)
+    if index is not None:
+        whole_number("index", index, least=0)
+    return search.run(index, truth_value("progress", progress))
 
 
 def inverse_singularities(
@@ -127,7 +140,7 @@ def inverse_singularities(
         If an argument has the wrong shape, is not finite or out of range.
     """
     search = _Search.checked(mechanism, load, rho_max, is_forward=False, **window)
-    return search.run(None, progress)
+    return search.run(None, truth_value("progress", progress))
 
 
 @dataclass(frozen=True)
@@ -165,22 +178,23 @@ class _Search:
         held: Mapping[int, float] | None = None,
         grid: int | None = None,
     ) -> "_Search":
+        instance_of("mechanism", mechanism, Mechanism)
         if grid is None:
             grid = _FORWARD_GRID if is_forward else _INVERSE_GRID
         units = mechanism.units
         scales = units.inputs if is_forward else units.pose
         values = {
             k: finite_number(f"held[{k}]", value) / scales[k]
-            for k, value in (held or {}).items()
-            if k in range(mechanism.leg_count)
+            for k, value in mapping("held", held).items()
+            if not isinstance(k, bool) and k in range(mechanism.leg_count)
         }
         plane = tuple(k for k in range(mechanism.leg_count) if k not in values)
         if len(plane) != 2 or len(values) != len(held or {}):
             raise ValueError(
-                f"held must leave two of {mechanism.leg_count} free, by numbers below {mechanism.leg_count}, got {held}"
+                f"held must leave two of {mechanism.leg_count} free, by numbers below {mechanism.leg_count}, got "
+                f"{shown(held)}"
             )
-        if int(grid) != grid or grid < 1:
-            raise ValueError(f"grid must be an integer of at least 1, got {grid}")
+        grid = whole_number("grid", grid, least=1, most=_MOST_GRID)
         box = _input_box(mechanism, bounds)
         window = box if is_forward else _pose_window(mechanism, box)
         return cls(
@@ -192,7 +206,7 @@ class _Search:
             window,
             values,
             (plane[0], plane[1]),
-            (_grid_values(window[plane[0]], int(grid)), _grid_values(window[plane[1]], int(grid))),
+            (_grid_values(window[plane[0]], grid), _grid_values(window[plane[1]], grid)),
         )
 
     def run(self, index: int | None, progress: bool) -> tuple[SingularCurve, ...]:
@@ -290,14 +304,21 @@ class _Search:
         )
 
     def _trace_side(self, problem: tracing.Problem, y: Array, sign: float) -> tuple[Array, Array, Mask, CurveEnd]:
-        capacity = _FIRST_CAPACITY
-        while True:
-            path, tangents = np.empty((capacity, y.size)), np.empty((capacity, y.size))
-            marks = np.empty(capacity, dtype=np.bool_)
-            count, end = tracing.trace(self.mechanism.leg_table, y, sign, problem, path, tangents, marks)
-            if end != tracing.TOO_LONG or capacity >= _LARGEST_CAPACITY:
-                return path[:count].copy(), tangents[:count].copy(), marks[:count].copy(), _ENDS[end]
-            capacity *= 4
+        legs, stage, end = self.mechanism.leg_table, np.empty(3), CurveEnd.SOLVER_FAILURE
+        paths, tangents, marks = [y[np.newaxis]], [np.empty((1, y.size))], [np.zeros(1, np.bool_)]
+        if not tracing.begin_trace(legs, y, sign, problem, tangents[0][0], stage):
+            return paths[0].copy(), tangents[0], marks[0], end
+        while stage[2] < _MOST_POINTS:
+            path, directions = np.empty((_POINTS_AT_ONCE, y.size)), np.empty((_POINTS_AT_ONCE, y.size))
+            path[0], directions[0], is_marked = paths[-1][-1], tangents[-1][-1], np.empty(_POINTS_AT_ONCE, np.bool_)
+            count, code = tracing.trace(legs, y, problem, stage, path, directions, is_marked)
+            paths.append(path[1:count])
+            tangents.append(directions[1:count])
+            marks.append(is_marked[1:count])
+            if code != tracing.GOES_ON:
+                end = _ENDS[code]
+                break
+        return np.concatenate(paths), np.concatenate(tangents), np.concatenate(marks), end
 
     def _curve(self, traced: _Traced) -> SingularCurve:
         size, units = self.mechanism.state_size, self.mechanism.units
@@ -323,9 +344,11 @@ class _Search:
 
 def _input_box(mechanism: Mechanism, bounds: Sequence[tuple[float, float]] | None) -> Array:
     """Return dimensionless lower and upper bound and period of each input; a full turn has a period and no bounds."""
-    limits = [leg.actuator.limits for leg in mechanism.legs] if bounds is None else list(bounds)
+    limits = (
+        [leg.actuator.limits for leg in mechanism.legs] if bounds is None else sequence_of("bounds", bounds, object)
+    )
     if len(limits) != mechanism.leg_count:
-        raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {bounds!r}")
+        raise ValueError(f"bounds must have one (lower, upper) per input, {mechanism.leg_count}, got {shown(bounds)}")
     box = np.zeros((mechanism.leg_count, 3))
     for row, leg, limit, unit in zip(box, mechanism.legs, limits, mechanism.units.inputs, strict=True):
         (lower, upper), period = limit_pair("bounds", limit), leg.actuator.period

@@ -1,26 +1,38 @@
 """Following a branch of equilibria as the inputs and the load change."""
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.kernels.branches.continuation import follow_branch
+from pcm_gym.kernels.branches import continuation
 from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, instance_of, truth_value
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
 
 
-class Event(StrEnum):
-    """Why a step along a branch ended where it did."""
+class Event(IntEnum):
+    """Why a step along a branch, or of an environment, ended where it did.
 
-    NONE = "none"
-    FOLD = "fold"
-    INDEX_CHANGE = "index_change"
-    ACTUATOR_LIMIT = "actuator_limit"
-    SOLVER_FAILURE = "solver_failure"
+    A whole number, as infos tell it, with a name: ``Event(info["event"])`` is ``Event.FOLD``, whose text is "fold".
+    """
+
+    NONE = continuation.NONE
+    FOLD = continuation.FOLD
+    INDEX_CHANGE = continuation.INDEX_CHANGE
+    ACTUATOR_LIMIT = continuation.ACTUATOR_LIMIT
+    SOLVER_FAILURE = continuation.SOLVER_FAILURE
+
+    def __str__(self) -> str:
+        """Return the name in small letters, such as "index_change"."""
+        return self.name.lower()
+
+    def __format__(self, spec: str) -> str:
+        """Return the same in formatted text, whichever version of Python."""
+        return format(str(self), spec)
 
     @property
     def message(self) -> str:
@@ -35,9 +47,6 @@ _MESSAGES = {
     Event.ACTUATOR_LIMIT: "An actuator met its limit.",
     Event.SOLVER_FAILURE: "The solver could not follow the branch; this says nothing about the mechanism.",
 }
-
-# The kernels' event codes, in their order.
-EVENTS = (Event.NONE, Event.FOLD, Event.INDEX_CHANGE, Event.ACTUATOR_LIMIT, Event.SOLVER_FAILURE)
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,11 @@ class TrackedStep:
     event: Event
     fraction: float
     certificate: PathCertificate | None = None
+
+    def __post_init__(self) -> None:
+        check_kinds(
+            self, equilibrium=Equilibrium, event=Event, fraction=float, certificate=PathCertificate | type(None)
+        )
 
 
 class BranchTracker:
@@ -85,15 +99,16 @@ class BranchTracker:
         follow_index_changes: bool = False,
         certify: bool = False,
     ) -> None:
-        if equilibrium.mechanism != mechanism:
+        instance_of("mechanism", mechanism, Mechanism)
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != mechanism:
             raise ValueError(
                 f"equilibrium must belong to the mechanism {mechanism.name!r}, "
                 f"got one of {equilibrium.mechanism.name!r}"
             )
         self._mechanism = mechanism
         self._equilibrium = equilibrium
-        self._follow_index_changes = follow_index_changes
-        self._certify = certify
+        self._follow_index_changes = truth_value("follow_index_changes", follow_index_changes)
+        self._certify = truth_value("certify", certify)
 
     @property
     def equilibrium(self) -> Equilibrium:
@@ -123,7 +138,7 @@ class BranchTracker:
         inputs_wanted = mechanism.check_inputs(inputs)
         load_wanted = np.array(start.load) if load is None else mechanism.check_load(load)
         point = Point(*start.kernel_values())
-        event, fraction = follow_branch(
+        event, fraction = continuation.follow_branch(
             mechanism.leg_table,
             point,
             units.kernel_from_inputs(inputs_wanted),
@@ -137,4 +152,4 @@ class BranchTracker:
         if self._certify:
             certificate = certify_path(mechanism, [start, self._equilibrium])
             certificate = replace(certificate, fraction=certificate.fraction * fraction)
-        return TrackedStep(self._equilibrium, EVENTS[event], fraction, certificate)
+        return TrackedStep(self._equilibrium, Event(event), fraction, certificate)

@@ -14,7 +14,7 @@ from pcm_gym.tasks.observation import (
 from pcm_gym.tasks.reach import Reach, ReachDifficulty
 from pcm_gym.tasks.scene import Scene
 from pcm_gym.tasks.switch import Switch, SwitchDifficulty
-from pcm_gym.tasks.table import TASKS, register_task, task_type
+from pcm_gym.tasks.table import TASKS, free_task_name, register_task, task_type
 from pcm_gym.tasks.task import Episodes, Generators, OnInstability, Task, default_max_action, draw, starts_of
 from pcm_gym.tasks.track import Path, Track
 
@@ -41,6 +41,7 @@ __all__ = [
     "default_max_action",
     "draw",
     "feature_layout",
+    "free_task_name",
     "load_elements",
     "observation_elements",
     "register_task",

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from pcm_gym.arrays import Mask
 from pcm_gym.kernels.stepping.features import DISTANCE_SCALE, LOAD_SCALE, STIFFNESS_SCALE, feature_columns
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import check_kinds, instance_of
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,9 @@ class Element:
     low: float
     high: float
 
+    def __post_init__(self) -> None:
+        check_kinds(self, name=str, meaning=str, unit=str, low=float, high=float)
+
 
 _STABILITY_ELEMENT = Element("is_stable", "1 while the equilibrium is stable, 0 once stability is lost", "1", 0.0, 1.0)
 _MARGIN_ELEMENTS = (
@@ -29,7 +33,11 @@ _MARGIN_ELEMENTS = (
         "stability_margin", f"s / ({STIFFNESS_SCALE:g} + |s|), s = least eigenvalue of the stiffness", "1", -1.0, 1.0
     ),
     Element(
-        "singularity_margin", f"d / ({DISTANCE_SCALE:g} + d), d = estimated distance of the nearest fold", "1", 0.0, 1.0
+        "singularity_margin",
+        f"d / ({DISTANCE_SCALE:g} + d), d = distance of the nearest fold, estimated on the safe side",
+        "1",
+        0.0,
+        1.0,
     ),
 )
 
@@ -75,10 +83,6 @@ class Layout:
         """Which elements are measured, (elements,)."""
         return np.array([part.is_measured for part in self.parts for _ in part.elements], dtype=np.bool_)
 
-    def without(self, name: str) -> "Layout":
-        """Return the layout without the part of that name."""
-        return Layout(tuple(part for part in self.parts if part.name != name))
-
 
 def feature_layout(mechanism: Mechanism) -> Layout:
     """Return where the kernels put the features of a state: pose, inputs, rods, is_stable and margins."""
@@ -106,7 +110,7 @@ def observation_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     through the modes. The load of a rod is rho = L sqrt(R / EI), with the force R at its tip, and w its part in the
     elements. The eigenvalue s is dimensionless (EI = L = 1), the distance d in rad and mean rod lengths.
     """
-    return feature_layout(mechanism).elements
+    return feature_layout(instance_of("mechanism", mechanism, Mechanism)).elements
 
 
 def load_elements(mechanism: Mechanism) -> tuple[Element, ...]:

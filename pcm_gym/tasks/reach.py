@@ -12,7 +12,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene, nodes_by_sums
-from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
+from pcm_gym.tasks.task import Episodes, Generators, Task, check_sampling, draw, starts_of
 
 ReachDifficulty = Literal["near", "anywhere", "detour"]
 
@@ -46,10 +46,12 @@ class Reach(Task):
     difficulty: ReachDifficulty = "near"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         one_of("difficulty", self.difficulty, ("near", "anywhere", "detour"))
 
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes whose starts are spread evenly, and whose goals can be reached without any cost."""
+        check_sampling(scene, generators, threads)
         if self.difficulty == "detour":
             return self._detours(scene, generators)
         start = starts_of(scene, generators, threads)

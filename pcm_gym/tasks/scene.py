@@ -9,17 +9,25 @@ from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts.walks import walk
-from pcm_gym.kernels.numerics.threads import pieces_of, run_all
+from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import (
+    finite_array,
+    finite_tuple,
+    instance_of,
+    number_not_negative,
+    shown,
+    whole_array,
+    whole_number,
+)
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
 from pcm_gym.solving.roadmap import roadmap_raster
 from pcm_gym.tasks.memory import remembered
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
-# Starts and goals keep this many times the margin below which a state counts as nearly singular.
-_RESERVE = 1.5
+_MOST_ROWS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -48,10 +56,15 @@ class Scene:
     margin: float
     origin: Equilibrium | None = None
 
-    @property
-    def reserve(self) -> float:
-        """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
-        return _RESERVE * self.margin
+    def __post_init__(self) -> None:
+        mechanism = instance_of("mechanism", self.mechanism, Mechanism)
+        object.__setattr__(self, "load", finite_tuple("load", self.load, mechanism.dof))
+        object.__setattr__(self, "stride", finite_tuple("stride", self.stride, mechanism.leg_count))
+        object.__setattr__(self, "margin", number_not_negative("margin", self.margin))
+        if min(self.stride) <= 0.0:
+            raise ValueError(f"stride must be greater than 0, got {self.stride}")
+        if self.origin is not None and instance_of("origin", self.origin, Equilibrium).mechanism != mechanism:
+            raise ValueError(f"origin must be an Equilibrium of {mechanism.name!r}, got {shown(self.origin)}")
 
     @cached_property
     def pitch(self) -> tuple[float, ...]:
@@ -72,50 +85,62 @@ class Scene:
 
     @property
     def roadmap(self) -> Roadmap:
-        """What stable paths with the reserve reach from the origin, or else from home, step by step of the agent.
+        """What stable paths with the margin reach from the origin, or else from home, step by step of the agent.
 
         Raises
         ------
         ValueError
-            If that equilibrium does not keep the reserve.
+            If that equilibrium does not keep the margin.
         """
         return _roadmap(self)
 
-    def starts(self, numbers: Array, threads: int) -> States:
+    def starts(self, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
-        roadmap = self.roadmap
+        numbers, roadmap = self._checked(numbers, threads, 1), self.roadmap
         return self.beside(nodes_by_sums(roadmap.pose_density_sums, numbers[:, 0]), numbers[:, 1:], threads)
 
-    def beside(self, nodes: Integers, numbers: Array, threads: int) -> States:
+    def beside(self, nodes: ArrayLike, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
+        numbers, nodes = self._checked(numbers, threads), self.roadmap.checked_nodes("nodes", nodes)
+        if len(numbers) != len(nodes):
+            raise ValueError(f"numbers must be as many as the nodes, {len(nodes)}, got {len(numbers)}")
         states, pitch = self.at_nodes(nodes), np.array(self.pitch)
         targets = states.inputs + (numbers - 0.5) * pitch
         self._walk(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
         return states
 
-    def at_nodes(self, nodes: Integers) -> States:
+    def at_nodes(self, nodes: ArrayLike) -> States:
         """Return the states of nodes (n,) of the roadmap."""
         roadmap = self.roadmap
+        nodes = roadmap.checked_nodes("nodes", nodes)
         return self.states(roadmap.states[nodes], self.mechanism.units.kernel_from_inputs(roadmap.inputs[nodes]))
 
-    def states(self, x: Array, inputs: Array) -> States:
+    def states(self, x: ArrayLike, inputs: ArrayLike) -> States:
         """Return states (n, 2 legs + d) at inputs (n, legs), both dimensionless, with the scene's load."""
+        x = finite_array("x", x, ("n", self.mechanism.state_size))
+        inputs = finite_array("inputs", inputs, (len(x), self.mechanism.leg_count))
         load = np.empty((len(x), self.mechanism.dof))
         load[:] = self.mechanism.units.kernel_from_load(np.array(self.load))
         return States(x, inputs, load)
 
     def at_equilibrium(self, equilibrium: Equilibrium, count: int) -> States:
         """Return `count` copies of an equilibrium."""
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != self.mechanism:
+            raise ValueError(f"equilibrium must be of {self.mechanism.name!r}, got {shown(equilibrium)}")
+        whole_number("count", count, least=0, most=_MOST_ROWS)
         return States(*(np.tile(value, (count, 1)) for value in equilibrium.kernel_values()))
 
-    def walk(self, states: States, numbers: Array, steps_range: tuple[int, int], threads: int) -> None:
+    def walk(self, states: States, numbers: ArrayLike, steps_range: tuple[int, int], threads: int = 1) -> None:
         """Walk some of the agent's steps towards random inputs within the limits, in place.
 
         `numbers` from [0, 1), (n, 1 + legs), decide how many steps of `steps_range` and where to. A walk ends before
-        the first step that would lose stability or come under the reserve.
+        the first step that would lose stability or come under the margin.
         """
-        lowest, span = self._walked_range
-        least, most = steps_range
+        numbers, (lowest, span) = self._checked(numbers, threads, 1), self._walked_range
+        self._check_states(states, len(numbers))
+        least, most = whole_array("steps_range", steps_range, (2,), 0, _MOST_ROWS).tolist()
+        if most < least:
+            raise ValueError(f"steps_range must be (least, most), got {shown(steps_range)}")
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
         self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
 
@@ -126,12 +151,31 @@ class Scene:
         edge = np.minimum(_LIMIT_RESERVE * np.array(self.stride), 0.25 * (upper - lower))
         return lower + edge, upper - lower - 2.0 * edge
 
+    def _checked(self, numbers: ArrayLike, threads: int, more: int = 0) -> Array:
+        """Return numbers from [0, 1), (n, legs) or more columns, as a new array; threads are checked as well."""
+        whole_number("threads", threads, least=1, most=MOST_THREADS)
+        checked = finite_array("numbers", numbers, ("n", self.mechanism.leg_count + more))
+        if checked.size and not (checked.min() >= 0.0 and checked.max() < 1.0):
+            raise ValueError(f"numbers must be at least 0 and less than 1, got {shown(numbers)}")
+        return checked
+
+    def _check_states(self, states: States, count: int) -> None:
+        """Raise unless these are states whose arrays kernels may change."""
+        mechanism = self.mechanism
+        widths = {"x": mechanism.state_size, "inputs": mechanism.leg_count, "load": mechanism.dof}
+        for name, array in instance_of("states", states, States)._asdict().items():
+            shape = (count, widths[name])
+            is_sound = isinstance(array, np.ndarray) and array.dtype == np.float64 and array.flags.carray
+            if not is_sound or array.shape != shape:
+                raise ValueError(f"states.{name} must be a writable float array {shape} in C order, got {shown(array)}")
+            finite_array(f"states.{name}", array, shape)
+
     def _walk(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
-        legs, reserve = self.mechanism.leg_table, self.reserve
+        legs = self.mechanism.leg_table
 
         def part(first: int, last: int) -> None:
             rows = States(*(array[first:last] for array in states))
-            walk(legs, rows, targets[first:last], stride, steps[first:last], reserve)
+            walk(legs, rows, targets[first:last], stride, steps[first:last], self.margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
 
@@ -167,11 +211,12 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
     seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
+    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.margin)
     if not len(roadmap):
         name = "home" if scene.origin is None else "option equilibrium"
         raise ValueError(
-            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
-            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}"
+            f"{name} must keep the singularity margin of starts and goals, {scene.margin:.3g}, to the middle of its "
+            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is "
+            "singular_margin, by default half of the least max_action: one of these must be smaller"
         )
     return roadmap

@@ -10,7 +10,7 @@ from pcm_gym.mechanism.validation import one_of
 from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
-from pcm_gym.tasks.task import Episodes, Generators, OnInstability, Task, draw
+from pcm_gym.tasks.task import Episodes, Generators, OnInstability, Task, check_sampling, draw
 
 # Equilibria from which the sheets are charted: up to this load, at so many inputs along each axis, for two and three
 # legs.
@@ -47,6 +47,7 @@ class Switch(Task):
     difficulty: SwitchDifficulty = "around"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         one_of("difficulty", self.difficulty, ("around", "fall"))
 
     @property
@@ -56,6 +57,7 @@ class Switch(Task):
 
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes whose starts are any that have such a goal."""
+        check_sampling(scene, generators, threads)
         ends = switches(scene, self.difficulty)
         here, there = (self.goals.of_states(x, ends.inputs) for x in (ends.start_x, ends.goal_x))
         apart = np.flatnonzero(~self.score(here, there)[1])
@@ -90,7 +92,7 @@ def switches(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
         raise ValueError(
             f"difficulty must not be {difficulty!r} for mechanism {scene.mechanism.name!r}: it has no two stable "
             f"equilibria {where} with {way} from one to the other in up to {_LONGEST_WAY} steps, each with a "
-            f"singularity margin of at least {scene.reserve:.3g}"
+            f"singularity margin of at least {scene.margin:.3g}"
         )
     return found
 
@@ -136,7 +138,7 @@ class _Chart:
 
     def __init__(self, scene: Scene, difficulty: SwitchDifficulty, seeds: list[Equilibrium]) -> None:
         step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
+        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.margin)
         self._may_fall = difficulty == "fall"
         self._falls = find_falls(self.roadmap) if self._may_fall and len(self.roadmap) else None
         self._most = _LONGEST_WAY / scene.steps_per_way

@@ -1,6 +1,6 @@
 """The table of tasks, which tasks from outside the package may join."""
 
-from pcm_gym.mechanism.validation import one_of
+from pcm_gym.mechanism.validation import one_of, shown, text
 from pcm_gym.tasks.reach import Reach
 from pcm_gym.tasks.switch import Switch
 from pcm_gym.tasks.task import Task
@@ -22,13 +22,19 @@ def register_task(task: type[Task], name: str | None = None) -> str:
     ValueError
         If another task has this name.
     """
+    name = free_task_name(task, name)
+    TASKS[name] = task
+    return name
+
+
+def free_task_name(task: type[Task], name: str | None = None) -> str:
+    """Return the name under which a task may be registered; raise if it is no task, or if another one has that name."""
     if not isinstance(task, type):
-        raise TypeError(f"task must be a class of tasks, got {task!r}")
-    name = task_type(task).__name__ if name is None else name
+        raise TypeError(f"task must be a class of tasks, got {shown(task)}")
+    name = task_type(task).__name__ if name is None else text("name", name)
     known = TASKS.get(name, task)
     if (known.__module__, known.__qualname__) != (task.__module__, task.__qualname__):
         raise ValueError(f"name must be a new one, got {name!r}: it is that of {known!r}")
-    TASKS[name] = task
     return name
 
 
@@ -43,5 +49,5 @@ def task_type(task: str | type[Task]) -> type[Task]:
     if isinstance(task, type) and issubclass(task, Task):
         return task
     if not isinstance(task, str):
-        raise TypeError(f"task must be the name of a task, a Task or a class of tasks, got {task!r}")
+        raise TypeError(f"task must be the name of a task, a Task or a class of tasks, got {shown(task)}")
     return TASKS[one_of("task", task, list(TASKS))]

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.numerics.threads import MOST_THREADS
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.mechanism.validation import finite_array, instance_of, sequence_of, shown, whole_number
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
@@ -27,6 +29,12 @@ class Episodes:
     states: States  # (n, ...)
     goals: Array  # (n, p, g): the goal of each step, over and over
     witness: States | None = None  # (n, ...): where the first goal is met; None where that is not known
+
+    def __post_init__(self) -> None:
+        instance_of("states", self.states, States)
+        if self.witness is not None:
+            instance_of("witness", self.witness, States)
+        object.__setattr__(self, "goals", finite_array("goals", self.goals, (len(self.states.x), "p", "g")))
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,9 @@ class Task(ABC):
     look_ahead: ClassVar[tuple[int, ...]] = ()
 
     goals: Goals = field(repr=False)
+
+    def __post_init__(self) -> None:
+        instance_of("goals", self.goals, Goals)
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
@@ -91,22 +102,55 @@ class Task(ABC):
         return {}
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
-        """Return the reward of one achieved for one desired goal, (g,), or those of many, (n, g)."""
-        achieved = np.asarray(achieved_goal, dtype=np.float64)
-        desired = np.asarray(desired_goal, dtype=np.float64)
-        rewards, _ = self.score(np.atleast_2d(achieved), np.atleast_2d(desired))
-        return float(rewards[0]) if achieved.ndim == 1 else np.asarray(rewards, dtype=np.float64)
+        """Return the rewards (...) of achieved for desired goals (..., g), a float for one of each.
 
-    def update_goals(
+        Many of one kind go with one of the other, as NumPy's rules of broadcasting have it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If they are no finite numbers, or their shapes do not fit.
+        """
+        size = self.goals.size
+        achieved = finite_array("achieved_goal", achieved_goal, ("...", size))
+        desired = finite_array("desired_goal", desired_goal, ("...", size))
+        try:
+            shape = np.broadcast_shapes(achieved.shape, desired.shape)
+        except ValueError:
+            raise ValueError(
+                f"desired_goal must have a shape that fits that of achieved_goal, {achieved.shape}, got {desired.shape}"
+            ) from None
+        achieved, desired = (np.broadcast_to(goals, shape).reshape(-1, size) for goals in (achieved, desired))
+        rewards, _ = self._scored(achieved, desired)
+        return float(rewards[0]) if len(shape) == 1 else rewards.reshape(shape[:-1])
+
+    def _scored(self, achieved: Array, desired: Array) -> tuple[Array, Mask]:
+        """Return what `score` does, as float and bool arrays; raise if a task's own one returns something else."""
+        rewards, is_reached = self.score(achieved, desired)
+        count = len(achieved)
+        rewards = finite_array("rewards of score()", np.asarray(rewards, dtype=np.float64), (count,))
+        is_reached = np.array(is_reached)
+        if is_reached.dtype != np.bool_ or is_reached.shape != (count,):
+            raise ValueError(f"score() must tell what is reached as a bool array ({count},), got {shown(is_reached)}")
+        return rewards, is_reached
+
+    def _update_goals(
         self, achieved: Array, rows: Integers, has_stepped: Mask, is_stable: Mask, progress: GoalProgress
     ) -> tuple[Array, Array]:
         """Return the present goals (m, g) of some rows and the rewards (m,); see the kernel of the same name."""
         if type(self).score is Task.score:  # in compiled code as a whole
             return update_goals(achieved, rows, has_stepped, is_stable, progress, self.goals.scale)
         desired = next_goals(rows, has_stepped, progress)
-        rewards, is_reached = self.score(achieved, desired)
+        rewards, is_reached = self._scored(achieved, desired)
         count_held(rows, has_stepped, is_reached & is_stable, progress)
-        return desired, np.array(rewards, dtype=np.float64)
+        return desired, rewards
+
+
+def check_sampling(scene: Scene, generators: Generators, threads: int) -> None:
+    """Raise unless the arguments of `Task.sample` are such."""
+    instance_of("scene", scene, Scene)
+    sequence_of("generators", generators, np.random.Generator)
+    whole_number("threads", threads, least=1, most=MOST_THREADS)
 
 
 def draw(generators: Generators, count: int) -> Array:

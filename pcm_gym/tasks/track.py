@@ -15,7 +15,7 @@ from pcm_gym.kernels.stepping.goals import poses_seen
 from pcm_gym.mechanism.validation import one_of
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
-from pcm_gym.tasks.task import Episodes, Generators, Task, draw, starts_of
+from pcm_gym.tasks.task import Episodes, Generators, Task, check_sampling, draw, starts_of
 
 Path = Literal["circle", "eight", "spline", "any"]
 
@@ -58,6 +58,7 @@ class Track(Task):
     path: Path = "any"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         one_of("path", self.path, (*_SHAPES, "any"))
 
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
@@ -65,6 +66,7 @@ class Track(Task):
 
         Every path can be followed without any cost, with steps of at most 0.7 of the agent's.
         """
+        check_sampling(scene, generators, threads)
         shapes = _SHAPES if self.path == "any" else (self.path,)
         library = paths(scene, shapes)
         numbers = draw(generators, 3)
@@ -126,7 +128,7 @@ def _followed(scene: Scene, starts: States, n: int, curve: Array, size: float) -
     largest = _PACE * np.array(scene.stride)
     for _ in range(_TRIALS):
         x[0], inputs[0] = starts.x[n], starts.inputs[n]
-        reached = follow_path(legs, starts.load[n], pose + size * curve, largest, scene.reserve, x, inputs)
+        reached = follow_path(legs, starts.load[n], pose + size * curve, largest, scene.margin, x, inputs)
         if reached == len(curve) and np.allclose(inputs[-1], inputs[0], rtol=0.0, atol=1e-8):
             return x[:-1].copy(), inputs[:-1].copy()
         size *= _SHRINKING

@@ -116,5 +116,5 @@ def test_endurance_keeps_what_does_not_fit_together(tmp_path: Path) -> None:
     [again] = read_cases(tmp_path / "cases.json")
     assert again == case
     info = again.repeat()
-    assert info["event"] == "fold"
+    assert info["event"] == pcm_gym.Event.FOLD
     assert info["stability_margin"] == outcome[4]["stability_margin"][row]

@@ -222,7 +222,7 @@ def test_only_classes_of_tasks_and_mechanisms_can_be_registered(wrong: Any) -> N
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"mechanism": "4RFR"}, ValueError, "name must be one of.*'2RFR'.*got '4RFR'"),
+        ({"mechanism": "4RFR"}, ValueError, "mechanism must be one of.*'2RFR'.*got '4RFR'"),
         ({"time_limit": 0}, ValueError, "time_limit must be at least 1"),
         ({"time_limit": 2.5}, TypeError, "time_limit must be a whole number"),
     ],

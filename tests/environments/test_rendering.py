@@ -86,7 +86,7 @@ def test_variants_of_a_mechanism_are_drawn_as_they_are() -> None:
 
 
 def test_bad_arguments_are_named(atlas: Atlas) -> None:
-    with pytest.raises(ValueError, match="render_ghosts"):
+    with pytest.raises(TypeError, match="render_ghosts must be True or False, got 'all'"):
         MechanismEnv("2PFR", render_ghosts="all")  # type: ignore[arg-type]
     with pytest.raises(FileNotFoundError, match=r"atlas\.npz"):
         MechanismEnv("2PFR", render_workspace="atlas.npz")

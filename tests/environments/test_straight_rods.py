@@ -38,7 +38,7 @@ def test_standing_still_changes_nothing(truss: Mechanism) -> None:
         assert not terminated
         assert not truncated
         assert info["index"] == 0
-        assert info["event"] == "none"
+        assert info["event"] == pcm_gym.Event.NONE
         np.testing.assert_allclose(numbers(observation, info), first, rtol=1e-9, atol=1e-12)
     env.close()
 
@@ -63,7 +63,7 @@ def test_tracker_standing_still(truss: Mechanism) -> None:
     margins = []
     for _ in range(4):
         step = tracker.step(HOME_INPUTS)
-        assert step.event == "none"
+        assert step.event is pcm_gym.Event.NONE
         assert step.equilibrium.index == 0
         np.testing.assert_allclose(step.equilibrium.pose, (0.0, 0.8), rtol=0.0, atol=1e-12)
         margins.append((step.equilibrium.stability_margin, step.equilibrium.singularity_margin))

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EVENTS = ("none", "fold", "index_change", "actuator_limit", "solver_failure")
 LOSSES = (1, 2)  # codes of a fold and of a change of the index
 TOLERANCE = 1e-9
 # The scalar kernel estimates the singularity margin by numerical differences, which lose half of the digits.
@@ -47,17 +46,6 @@ class Record:
     def fields(self) -> dict[str, NDArray[Any]]:
         """All arrays by name."""
         return {name: np.asarray(array) for name, array in sorted((self.exact | self.close | self.rough).items())}
-
-
-def event_code(event: Any) -> int:
-    """Number of an event, in the order of `EVENTS`, whether it comes as its name or as that number."""
-    return EVENTS.index(str(event)) if isinstance(event, str) else int(event)
-
-
-def event_codes(events: Any) -> NDArray[np.int64]:
-    """Numbers of one event or of an array of them; where an array holds none (None), it is no event."""
-    flat = [0 if event is None else event_code(event) for event in np.ravel(np.asarray(events, dtype=object))]
-    return np.array(flat, dtype=np.int64).reshape(np.shape(events))
 
 
 # Kept in the repository: values that hold on every processor

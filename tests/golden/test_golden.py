@@ -8,7 +8,7 @@ elliptic function wrong by one unit in the last place: whatever did not hold was
 
 import pytest
 
-from tests.golden.records import EVENTS, differences, event_code
+from tests.golden.records import differences
 from tests.golden.scenarios import PATH, PORTABLE, SCENARIOS, read_golden
 
 GOLDEN = read_golden()
@@ -22,7 +22,3 @@ def test_every_scenario_is_kept_and_nothing_else() -> None:
 @pytest.mark.parametrize("name", PORTABLE)
 def test_scenario_comes_to_what_it_came_to(name: str) -> None:
     assert differences(SCENARIOS[name](), GOLDEN[name]) == []
-
-
-def test_events_are_told_by_name_or_by_number() -> None:
-    assert [event_code(event) for event in EVENTS] == [event_code(code) for code in range(5)] == list(range(5))

@@ -64,7 +64,7 @@ WRONG = [
     (leg, "rod", 1.0, TypeError, "a Rod", "1.0"),
     (leg, "attachment", (0.0,), ValueError, "shape (2,)", "0.0"),
     (leg, "attachment", (0.0, math.nan), ValueError, "finite", "nan"),
-    (mechanism, "legs", (LEG, 1.0), TypeError, "Leg objects", "1.0"),
+    (mechanism, "legs", (LEG, 1.0), TypeError, "sequence of Leg", "1.0"),
     (mechanism, "legs", (), ValueError, "2 (point end-effector) or 3 (platform)", "got 0"),
     (mechanism, "legs", (LEG,), ValueError, "2 (point end-effector) or 3 (platform)", "got 1"),
     (mechanism, "legs", (LEG,) * 4, ValueError, "2 (point end-effector) or 3 (platform)", "got 4"),

@@ -613,10 +613,6 @@ class TestMisuse:
         found = solve_inverse(get_mechanism("3PFR"), (5.0, 0.0, 0.0), rho_max=7.0)
         self.assert_empty(found, "from its actuator and the rod is 1 long")
 
-    def test_pose_on_a_motor(self) -> None:
-        base = self.MECHANISM.legs[1].actuator.base
-        self.assert_empty(solve_inverse(self.MECHANISM, base), "the hinge of leg 1 is on its motor")
-
     def test_bases_too_far_apart(self) -> None:
         found = solve_forward(two_motors(2.5), [0.0, math.pi])
         self.assert_empty(found, "the clamps of legs 0 and 1 are 2.5 apart and their rods reach 2")

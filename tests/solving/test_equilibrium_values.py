@@ -92,7 +92,7 @@ def test_arrays_are_copies_that_cannot_be_written_to(copy: Any) -> None:
         ("inputs", [0.0, 1.0j], TypeError, "2 numbers", "1j"),
         ("inputs", 1.0, ValueError, "shape (2,)", "()"),
         ("load", [0.0, 0.0, 0.0], ValueError, "shape (2,)", "(3,)"),
-        ("load", None, ValueError, "shape (2,)", "None"),
+        ("load", None, TypeError, "2 numbers", "None"),
         ("load", [[0.0], [0.0, 1.0]], TypeError, "2 numbers", "[0.0, 1.0]"),
     ],
 )

@@ -59,7 +59,7 @@ def test_where_no_way_leads_stability_or_margin_would_be_lost_or_a_limit_is(road
             middle = half.step(0.5 * (target + roadmap.inputs[node])).equilibrium.singularity_margin
             end = step.equilibrium.singularity_margin
             assert end < MARGIN * (1.0 + 1e-6) or middle < MARGIN * 2.0 / 3.0 * (1.0 + 1e-6)
-    assert {"fold", "actuator_limit"} <= reasons
+    assert {pcm_gym.Event.FOLD, pcm_gym.Event.ACTUATOR_LIMIT} <= reasons
 
 
 def test_sheets_over_a_cell_are_among_the_stable_equilibria_there(roadmap: Roadmap) -> None:
@@ -121,6 +121,7 @@ def test_a_seed_without_the_margin_has_no_node() -> None:
     home = pcm_gym.home_equilibrium(mechanism)
     empty = pcm_gym.build_roadmap(mechanism, [home], least_margin=9.0)
     assert (len(empty), empty.seeds) == (0, (-1,))
+    assert pcm_gym.find_falls(empty).shape == (0, 2)
 
 
 def test_bad_arguments_are_named() -> None:

@@ -1,5 +1,6 @@
 """Following branches: events and where they are, against the discretised energy; limits, loads, straight rods."""
 
+import json
 import math
 import pickle
 
@@ -409,6 +410,12 @@ class TestMisuse:
         np.testing.assert_array_equal(after.stiffness, before.stiffness)
         with pytest.raises(ValueError, match="read-only"):
             after.state[0] = 1.0
+
+    def test_events_are_whole_numbers_with_names(self) -> None:
+        names = ["none", "fold", "index_change", "actuator_limit", "solver_failure"]
+        assert [str(event) for event in Event] == [f"{event}" for event in Event] == names
+        assert [int(event) for event in Event] == json.loads(json.dumps(list(Event))) == list(range(5))
+        assert [Event(code) for code in range(5)] == list(Event)
 
     def test_every_event_has_a_message(self) -> None:
         assert len({event.message for event in Event}) == len(Event)

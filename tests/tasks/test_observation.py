@@ -106,8 +106,14 @@ def test_layout_names_the_parts_of_the_observation() -> None:
     assert (parts["load"], parts["commands"]) == (["load_1", "load_2"], ["command_1", "command_2"])
     is_noisy = env.reset(seed=0)[0]["observation"] != quiet.reset(seed=0)[0]["observation"]
     assert [part for part in parts if is_noisy[layout[part]].any()] == ["pose", "inputs", "rods"]
-    with pytest.raises(KeyError, match="is_stable"):
-        layout["is_stable"]
+    with pytest.raises(KeyError, match=r"name must be one of .*'is_stable'.*, got 'stable'"):
+        layout["stable"]
+
+
+def test_the_layout_does_not_depend_on_what_comes_of_a_lost_stability() -> None:
+    envs = [make_bare("PCM/2RFR-Reach-v0", on_instability=own) for own in ("terminate", "snap", "hold", "continue")]
+    assert len({env.elements for env in envs}) == 1
+    assert all(env.observation_space == envs[0].observation_space for env in envs)
 
 
 @pytest.mark.parametrize("name", NAMES)

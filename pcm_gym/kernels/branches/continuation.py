@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.singularity import FORWARD, singularity
+from pcm_gym.kernels.branches.smoothness import is_clear, is_even, is_one_branch, look
 from pcm_gym.kernels.branches.tracer import (
     REGULAR,
     Bracket,
@@ -50,13 +52,21 @@ NONE, FOLD, INDEX_CHANGE, ACTUATOR_LIMIT, SOLVER_FAILURE = range(5)
 class LineRules(NamedTuple):
     """How the steps along a line are chosen."""
 
+    turns: int = 100  # natural steps and arcs take turns
     natural_steps: int = 10_000
-    least_natural_step: float = 1.0 / 64.0  # as a fraction of the line; where shorter ones are needed, arcs take over
-    arc_steps: int = 2_000
+    # As a fraction of the line; where shorter ones are needed, arcs take over. Where arcs come to no end there are no
+    # folds, but rods that grow taut: they need short steps, and natural ones are the longer ones there.
+    least_natural_step: float = 1.0 / 64.0
+    least_step_after_arcs: float = 1.0 / 4096.0
+    arc_steps: int = 100
     first_arc: float = 0.01  # doubled after each step, halved where one is refused
     least_arc: float = 1e-9
     largest_arc: float = 0.2
     least_cosine: float = 0.9  # of the angle between the tangents at both ends of a step
+    # Determinant of a state beyond which no arc leads: there the branch bifurcates. It turns back there, as at a fold,
+    # if the inputs have no larger share in the squared arc than this.
+    singular: float = 1e-6
+    share_at_fold: float = 1e-3
     first_crossing: float = 1e-8  # fraction by which a change of index is stepped over; four times that if in vain
 
 
@@ -67,8 +77,10 @@ _FOLD_RULES = BracketRules(trials=100, bisect_every=3, least_part=0.01, weight=1
 
 # In place of the index of a state that was not found.
 _LOST = -1
+# In place of an event: there was none so far.
+_GOES_ON = -1
 # What became of a step by arc length.
-_TAKEN, _REFUSED, _OTHER_INDEX, _AT_FOLD, _AT_END = range(5)
+_TAKEN, _REFUSED, _OTHER_INDEX, _TURNED_BACK, _AT_FOLD, _AT_END = range(6)
 
 
 class Tracked(NamedTuple):
@@ -117,9 +129,8 @@ def track(
         point.inputs[i] = inputs_target[i] if fraction == 1.0 else line.inputs[i]
     for d in range(point.load.shape[0]):
         point.load[d] = load_target[d] if fraction == 1.0 else line.load[d]
-    if event != NONE:  # else the rod table is that of x already
-        place(legs, point.x, point.inputs, work)
-    elif reach < 1.0:
+    place(legs, point.x, point.inputs, work)
+    if event == NONE and reach < 1.0:
         event = ACTUATOR_LIMIT
     return judge(legs, point.x, point.load, event, fraction, work)
 
@@ -140,9 +151,11 @@ def track_in_one_step(legs: Array, point: Point, inputs_target: Array, line: Tra
     """Go to the target in one natural step and change the point; or leave it, with `SOLVER_FAILURE`."""
     _set_ends(point, inputs_target, point.load, line)
     index, is_regular = _start_naturally(legs, line, work)
-    if not (is_regular and _step_naturally(legs, 1.0, line, work) == index):
+    if not (is_regular and _step_naturally(legs, 1.0, index, line, work)):
+        place(legs, point.x, point.inputs, work)
         return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, work)
     point.x[:], point.inputs[:] = line.trial_x, inputs_target
+    place(legs, point.x, point.inputs, work)
     return judge(legs, point.x, point.load, NONE, 1.0, work)
 
 
@@ -179,59 +192,88 @@ def _reach(legs: Array, line: Tracer) -> float:
     return reach
 
 
-@formula
+@kernel
 def _follow(legs: Array, reach: float, line: Tracer, work: Workspace) -> int:
-    """Follow the branch with constant index from `y` to the fraction `reach`; return the event that ends it.
+    """Follow the branch with constant index from `y` to the fraction `reach`, left in `y`; return the event there."""
+    least = _RULES.least_natural_step
+    for _ in range(_RULES.turns):
+        index = _follow_naturally(legs, reach, least, line, work)
+        if line.y[-1] >= reach:
+            return NONE
+        event = _follow_by_arclength(legs, reach, index, line, work)
+        if event != _GOES_ON:
+            return event
+        least = _RULES.least_step_after_arcs
+    return SOLVER_FAILURE
 
-    Leaves `y` where it ends, and the rod table, if that is the end of the way.
-    """
+
+@kernel
+def _follow_naturally(legs: Array, reach: float, least: float, line: Tracer, work: Workspace) -> int:
+    """Follow the branch in steps of at least this fraction, as far as they lead; return its index."""
     y = line.y
     step = reach - y[-1]
     index, is_regular = _start_naturally(legs, line, work)
     for _ in range(_RULES.natural_steps):
-        if y[-1] >= reach:
-            return NONE
+        if not is_regular or y[-1] >= reach or step < least:
+            break
         end = y[-1] + step if step < (reach - y[-1]) * (1.0 - 1e-12) else reach
-        if is_regular and _step_naturally(legs, end, line, work) == index:
+        if _step_naturally(legs, end, index, line, work):
             for j in range(y.shape[0]):
-                y[j] = line.trial[j]
+                y[j], line.tangent[j] = line.trial[j], line.trial_tangent[j]
             step *= 2.0
-            if end < reach:
-                is_regular = _set_natural_tangent(legs, line, work)
-        elif is_regular and step > _RULES.least_natural_step:
-            step *= 0.5
         else:
-            return _follow_by_arclength(legs, reach, index, line, work)
-    return SOLVER_FAILURE
+            step *= 0.5
+    return index
 
 
 @formula
 def _start_naturally(legs: Array, line: Tracer, work: Workspace) -> tuple[int, bool]:
     """Set rod table and tangent of `y`; return its index, and whether there is a tangent."""
     place_at(legs, line.y, line, work)
-    is_regular = _set_natural_tangent(legs, line, work)
+    is_regular = _set_natural_tangent(legs, line.x, line.tangent, line, work)
     return assess_stability(legs, line.x, work).morse_index, is_regular
 
 
-@formula
-def _set_natural_tangent(legs: Array, line: Tracer, work: Workspace) -> bool:
-    """Fill the tangent at `y`, whose rod table is set, with d y / d s; return whether there is one."""
-    set_path_derivative(legs, line.x, line.input_rates[0], line.load_rates[0], work, work.residual)
-    is_regular = solve_equilibrium_system(legs, line.x, work.residual, work)
+@kernel
+def _set_natural_tangent(legs: Array, x: Array, tangent: Array, line: Tracer, work: Workspace) -> bool:
+    """Fill the tangent at a state, whose rod table is set, with d y / d s; return whether there is one."""
+    set_path_derivative(legs, x, line.input_rates[0], line.load_rates[0], work, work.residual)
+    is_regular = solve_equilibrium_system(legs, x, work.residual, work)
     for j in range(work.step.shape[0]):
-        line.tangent[j] = work.step[j]
-    line.tangent[-1] = 1.0
+        tangent[j] = work.step[j]
+    tangent[-1] = 1.0
     return is_regular
 
 
-@formula
-def _step_naturally(legs: Array, end: float, line: Tracer, work: Workspace) -> int:
-    """Put the state at the fraction `end` into the trial; return its index, or `_LOST`."""
+@kernel
+def _step_naturally(legs: Array, end: float, index: int, line: Tracer, work: Workspace) -> bool:
+    """Put the state at the fraction `end` into the trial, with its tangent; return whether the branch leads there.
+
+    It must do so smoothly and with this index all the way.
+    """
+    return _predict_and_correct(legs, end, line, work) == index and _is_smooth(legs, end - line.y[-1], line, work)
+
+
+@kernel
+def _predict_and_correct(legs: Array, end: float, line: Tracer, work: Workspace) -> int:
+    """Put a state at the fraction `end` into the trial; return its index, or `_LOST`."""
     way = end - line.y[-1]
     for j in range(work.step.shape[0]):
         line.trial[j] = line.y[j] + way * line.tangent[j]
     line.trial[-1] = end
     return _correct_state(legs, line, work)
+
+
+@kernel
+def _is_smooth(legs: Array, way: float, line: Tracer, work: Workspace) -> bool:
+    """Return whether the natural step to the trial, whose rod table is set, is smooth; fill the trial's tangent."""
+    if not _set_natural_tangent(legs, line.trial_x, line.trial_tangent, line, work):
+        return False
+    if not is_even(legs, way, line, work):
+        return False
+    there = look(legs, line.trial, line.trial_tangent, -way, line, work)
+    place_at(legs, line.y, line, work)
+    return is_clear(look(legs, line.y, line.tangent, way, line, work), there, 1.0)
 
 
 @formula
@@ -252,7 +294,7 @@ def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
     end, step = line.y[-1], _RULES.first_crossing
     while end < reach:
         end = min(line.y[-1] + step, reach)
-        index_beyond = _step_naturally(legs, end, line, work)
+        index_beyond = _predict_and_correct(legs, end, line, work)
         if index_beyond not in (_LOST, index):
             line.y[:] = line.trial
             return True
@@ -262,12 +304,12 @@ def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
 
 @kernel
 def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, work: Workspace) -> int:
-    """Do what `_follow` does, by steps of arc length."""
+    """Follow the branch by arcs; return the event that ends it, or `_GOES_ON` after many without one."""
     line.border[:] = 0.0
     line.border[-1] = 1.0
     if not start(legs, 1.0, line, work):
         return SOLVER_FAILURE
-    arc, is_refused_for_index, refused_at = _RULES.first_arc, False, math.inf
+    arc, refused_for, refused_at = _RULES.first_arc, SOLVER_FAILURE, math.inf
     for _ in range(_RULES.arc_steps):
         if arc < _RULES.least_arc:
             break
@@ -277,22 +319,39 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, wo
         if outcome == _AT_END:
             return NONE
         if outcome == _TAKEN:
-            is_refused_for_index = is_refused_for_index and line.trial[-1] < refused_at
+            refused_for = refused_for if line.trial[-1] < refused_at else SOLVER_FAILURE
             accept(legs, line, work)
             arc = min(2.0 * arc, _RULES.largest_arc)
             continue
         if outcome == _OTHER_INDEX:
-            is_refused_for_index, refused_at = True, line.trial[-1]
+            refused_for, refused_at = INDEX_CHANGE, line.trial[-1]
+        elif outcome == _TURNED_BACK:
+            refused_for, refused_at = FOLD, math.inf
         arc *= 0.5
-    return INDEX_CHANGE if is_refused_for_index else SOLVER_FAILURE
+    if arc >= _RULES.least_arc:
+        return _GOES_ON
+    place_at(legs, line.y, line, work)
+    if abs(singularity(legs, line.x, FORWARD, work)) > _RULES.singular:
+        return refused_for
+    share = line.border[-1] * line.tangent[-1]  # of the inputs in the squared arc
+    return FOLD if share < _RULES.share_at_fold else INDEX_CHANGE
 
 
 @kernel
 def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer, work: Workspace) -> int:
     """Put the point at `arc` into the trial, or that at the fold or the end before it into `y`; return which."""
-    if not move(legs, arc, STEP_RULES, line, work):
+    if not (move(legs, arc, STEP_RULES, line, work) and is_even(legs, arc, line, work)):
         return _REFUSED
-    if line.trial_tangent[-1] <= 0.0:
+    trial_index = assess_stability(legs, line.trial_x, work).morse_index
+    there = look(legs, line.trial, line.trial_tangent, -arc, line, work)
+    place_at(legs, line.y, line, work)
+    here = look(legs, line.y, line.tangent, arc, line, work)
+    rate = line.trial_tangent[-1]
+    if not is_one_branch(here, there, rate):
+        if trial_index != index:
+            return _OTHER_INDEX
+        return _TURNED_BACK if rate <= 0.0 else _REFUSED
+    if rate <= 0.0:
         fold = _locate_fold(legs, arc, index, line, work)
         if fold[-1] > reach:
             return _REFUSED
@@ -303,17 +362,21 @@ def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer
         cosine += line.border[j] * line.trial_tangent[j]
     if cosine < _RULES.least_cosine:
         return _REFUSED
-    if line.trial[-1] >= reach:
-        return _AT_END if _step_back_to(legs, reach, index, line, work) else _REFUSED
-    if assess_stability(legs, line.trial_x, work).morse_index != index:
+    is_beyond = line.trial[-1] >= reach
+    if not is_beyond and trial_index != index:
         return _OTHER_INDEX
+    part = (reach - line.y[-1]) / (line.trial[-1] - line.y[-1]) if is_beyond else 1.0
+    if not is_clear(here, there, part):
+        return _REFUSED
+    if is_beyond:
+        return _AT_END if _step_back_to(legs, reach, part, index, line, work) else _REFUSED
+    place_at(legs, line.trial, line, work)
     return _TAKEN
 
 
 @kernel
-def _step_back_to(legs: Array, reach: float, index: int, line: Tracer, work: Workspace) -> bool:
-    """Go to the fraction `reach` between `y` and the trial; return whether the branch with this index is there."""
-    part = (reach - line.y[-1]) / (line.trial[-1] - line.y[-1])
+def _step_back_to(legs: Array, reach: float, part: float, index: int, line: Tracer, work: Workspace) -> bool:
+    """Go to the fraction `reach`, at a part of the step to the trial; return whether this branch is there."""
     for j in range(work.step.shape[0]):
         line.trial[j] = line.y[j] + part * (line.trial[j] - line.y[j])
     line.trial[-1] = reach

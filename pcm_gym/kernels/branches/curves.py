@@ -30,12 +30,14 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.newton import NewtonRules
 
-# How a curve ended.
-CLOSED, LARGEST_LOAD, OUT_OF_BOX, TOO_LONG, FAILED = range(5)
-_GOES_ON = -1
+# How a curve ended, or that it did not.
+CLOSED, LARGEST_LOAD, OUT_OF_BOX, FAILED = range(4)
+GOES_ON = -1
 # What may change its sign within a step: room in the box and under the largest load, the singularity of a state on a
 # line, or the direction of a singular curve's projection.
 _ROOM, _SINGULARITY, _DIRECTION = range(3)
+# Pairs of segments that are looked at in one call of compiled code.
+_PAIRS_AT_ONCE = 1 << 24
 
 
 class CurveRules(NamedTuple):
@@ -158,7 +160,7 @@ def _watched(legs: Array, watch: int, curve: _Curve) -> float:
         return _room(legs, t.trial, problem)
     if watch == _SINGULARITY:
         place_at(legs, t.trial, t, curve.work)
-        return singularity(legs, t.trial, problem.kind, curve.work)
+        return singularity(legs, t.trial_x, problem.kind, curve.work)
     return _projected(legs, t.trial_tangent, curve.direction, problem.kind)
 
 
@@ -240,7 +242,7 @@ def _sees_cusps(legs: Array, arc: float, curve: _Curve) -> bool:
 
 @kernel
 def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Curve) -> tuple[float, int]:
-    """Cut the step of `arc` where the curve ends; return its length and how it ended, `_GOES_ON` if it did not."""
+    """Cut the step of `arc` where the curve ends; return its length and how it ended, `GOES_ON` if it did not."""
     t, problem = curve.tracer, curve.problem
     room = _room(legs, t.trial, problem)
     if room < 0.0:
@@ -250,7 +252,7 @@ def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Cu
         return arc, CLOSED
     if may_close and not move(legs, arc, _STEP_RULES, t, curve.work):
         return 0.0, FAILED
-    return arc, _GOES_ON
+    return arc, GOES_ON
 
 
 @kernel
@@ -278,27 +280,42 @@ def _mark_step(legs: Array, arc: float, value: float, curve: _Curve) -> tuple[bo
 
 
 @kernel
-def trace(
-    legs: Array, y: Array, sign: float, problem: Problem, path: Array, tangents: Array, marks: Mask
-) -> tuple[int, int]:
-    """Trace the curve from its point `y` to one side; fill `path` and `tangents` (m, size + legs) and `marks` (m,).
+def begin_trace(legs: Array, y: Array, sign: float, problem: Problem, tangent: Array, stage: Array) -> bool:
+    """Fill `tangent` with that of the curve at its point `y`, to one side, and `stage` (3,); return whether it has one.
 
-    Marked are the singular states on a line and the cusps of a singular curve's projection. Returns the number of
-    points, the first of which is `y`, and how the curve ended.
+    The stage is for `trace`: the length of the next step, the singularity at the last point, the number of points.
+    """
+    curve = _make_curve(legs, problem)
+    if not _start(legs, y, sign, curve):
+        return False
+    tangent[:] = curve.tracer.tangent
+    stage[0], stage[1], stage[2] = (
+        _RULES.first_arc,
+        singularity(legs, y[: y.shape[0] - legs.shape[0]], problem.kind, curve.work),
+        1.0,
+    )
+    return True
+
+
+@kernel
+def trace(
+    legs: Array, first: Array, problem: Problem, stage: Array, path: Array, tangents: Array, marks: Mask
+) -> tuple[int, int]:
+    """Go on tracing the curve that began in `first`; fill `path` and `tangents` (m, size + legs) and `marks` (m,).
+
+    Row 0 holds the last point so far, and its tangent. Marked are the singular states on a line and the cusps of a
+    singular curve's projection. Returns the number of rows, row 0 included, and how the curve ended; `GOES_ON` if there
+    is no room for more.
     """
     curve = _make_curve(legs, problem)
     t = curve.tracer
-    path[0], marks[0] = y, False
-    if not _start(legs, y, sign, curve):
-        return 1, FAILED
-    tangents[0] = t.tangent
-    value = singularity(legs, y, problem.kind, curve.work)
-    count, arc = 1, _RULES.first_arc
+    _go_on(legs, path[0], tangents[0], curve)
+    arc, value, before, count = stage[0], stage[1], stage[2] - 1.0, 1
     while count < path.shape[0] - 1:
         arc, turn = _step(legs, arc, curve)
         if arc == 0.0:
             return count, FAILED
-        length, end = _end_step(legs, arc, y, count > 2, curve)
+        length, end = _end_step(legs, arc, first, before + count > 2.0, curve)
         if length == 0.0:
             return count, FAILED
         path[count + 1], tangents[count + 1] = t.trial, t.trial_tangent
@@ -311,11 +328,12 @@ def trace(
         marks[count] = False
         _go_on(legs, path[count], tangents[count], curve)
         count += 1
-        if end != _GOES_ON:
+        if end != GOES_ON:
             return count, end
         growth = _RULES.wanted_turn / max(turn, _RULES.wanted_turn / _RULES.largest_growth)
         arc = min(arc * max(growth, _RULES.least_growth), _RULES.largest_arc)
-    return count, TOO_LONG
+    stage[0], stage[1], stage[2] = arc, value, before + count
+    return count, GOES_ON
 
 
 @kernel
@@ -364,14 +382,18 @@ def polish(legs: Array, y: Array, last_condition: Array, problem: Problem) -> bo
 
 
 @kernel
-def crossing_segments(first: Array, second: Array, periods: Array, is_same: bool, pairs: Integers) -> int:
-    """Find the segments of two polylines (m, 2) in a plane, periodic where `periods` (2,) is not 0, that cross.
+def crossing_segments(
+    first: Array, second: Array, periods: Array, is_same: bool, start: int, pairs: Integers
+) -> tuple[int, int]:
+    """Find segments of two polylines (m, 2) in a plane, periodic where `periods` (2,) is not 0, that cross.
 
-    Puts their numbers into `pairs` (k, 2) and returns how many there are, more than k if there is no room for all. Of
+    Puts their numbers into `pairs` (k, 2) and returns how many there are, more than k if there is no room for all. A
+    call looks at some segments of the first polyline, beginning with `start`, and returns also which is the next. Of
     one polyline with itself neighbouring segments are left out.
     """
     count, shift = 0, np.zeros(2)
-    for k in range(first.shape[0] - 1):
+    end = min(start + 1 + _PAIRS_AT_ONCE // second.shape[0], first.shape[0] - 1)
+    for k in range(start, end):
         for n in range(k + 2 if is_same else 0, second.shape[0] - 1):
             is_near = True
             for d in range(2):
@@ -383,7 +405,7 @@ def crossing_segments(first: Array, second: Array, periods: Array, is_same: bool
                 if count < pairs.shape[0]:
                     pairs[count, 0], pairs[count, 1] = k, n
                 count += 1
-    return count
+    return count, end
 
 
 @kernel

@@ -80,13 +80,16 @@ def _rod_extent(work: Workspace, leg: int, scale: float) -> float:
 
 
 @kernel
-def singularity(legs: Array, y: Array, kind: int, work: Workspace) -> float:
-    """Return the scaled determinant at the rod table, of order 1 and smaller; zero exactly at a singular state."""
-    size = y.shape[0] - legs.shape[0]
+def singularity(legs: Array, x: Array, kind: int, work: Workspace) -> float:
+    """Return the scaled determinant of the state `x` at the rod table; zero exactly at a singular state.
+
+    It is of order 1 and smaller.
+    """
+    size = x.shape[0]
     if kind == FORWARD:
-        set_matrix(legs, y[:size], work)
+        set_matrix(legs, x, work)
     else:
-        set_inverse_matrix(legs, y[:size], work)
+        set_inverse_matrix(legs, x, work)
     force = force_scale(work)
     scale = 1.0
     for _ in range(size - 2 * legs.shape[0]):
@@ -115,10 +118,10 @@ def set_singularity_gradient(legs: Array, y: Array, kind: int, beside: Array, wo
             continue
         beside[k] = y[k] + out[k]
         set_unknowns(legs, beside, work)
-        above, width = singularity(legs, beside, kind, work), beside[k]
+        above, width = singularity(legs, beside[:size], kind, work), beside[k]
         beside[k] = y[k] - out[k]
         set_unknowns(legs, beside, work)
-        below, width = singularity(legs, beside, kind, work), width - beside[k]
+        below, width = singularity(legs, beside[:size], kind, work), width - beside[k]
         out[k] = (above - below) / width
         beside[k] = y[k]
 
@@ -178,13 +181,18 @@ def set_normal(legs: Array, y: Array, kind: int, work: Workspace, normal: Array)
     normal /= math.sqrt((normal * normal).sum())
 
 
-@kernel
 def normal_at(legs: Array, y: Array, kind: int) -> Array:
     """Return what `set_normal` fills, (legs,), for the singular state `y`."""
-    work, normal = make_workspace(legs.shape[0], y.shape[0] - legs.shape[0]), np.empty(legs.shape[0])
+    normal = np.empty(len(legs))
+    _set_normal_at(legs, y, kind, normal)
+    return normal
+
+
+@kernel
+def _set_normal_at(legs: Array, y: Array, kind: int, normal: Array) -> None:
+    work = make_workspace(legs.shape[0], y.shape[0] - legs.shape[0])
     set_unknowns(legs, y, work)
     set_normal(legs, y, kind, work, normal)
-    return normal
 
 
 @kernel

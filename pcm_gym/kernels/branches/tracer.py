@@ -35,7 +35,10 @@ from pcm_gym.kernels.statics.closure import (
     set_path_derivative,
     set_residual,
 )
-from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, accept_correction, correction_size
+from pcm_gym.kernels.statics.newton import CONVERGED, DIVERGED, NewtonRules, accept_correction, correction_size
+
+# A correction that is this small beside the arc is the last one.
+_NEGLIGIBLE = 1e-2
 
 # In place of a kind of singularity: the states of the curve need not be singular.
 REGULAR = -1
@@ -175,6 +178,8 @@ def correct(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Worksp
             return False
         size = _correction_size(legs, t, work)
         verdict = accept_correction(size, previous, iteration == 0, rules)
+        if verdict == DIVERGED and size < _NEGLIGIBLE * arc:  # beside a bifurcation rounding errors are magnified
+            verdict = CONVERGED
         if verdict > CONVERGED:
             return False
         for j in range(t.y.shape[0]):
@@ -225,7 +230,7 @@ def _set_system(legs: Array, arc: float, t: Tracer, work: Workspace) -> None:
         set_singularity_gradient(legs, y, t.singularity, t.vector, work, t.matrix[row])
     place_at(legs, y, t, work)
     if t.singularity != REGULAR:
-        t.vector[row] = -singularity(legs, y, t.singularity, work)
+        t.vector[row] = -singularity(legs, x, t.singularity, work)
         row += 1
     for condition in t.conditions:
         t.vector[row] = 0.0

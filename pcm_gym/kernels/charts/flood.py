@@ -28,6 +28,7 @@ from pcm_gym.kernels.numerics.rasters import (
     neighbour,
     set_node,
 )
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import total_energy
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
@@ -40,6 +41,8 @@ _PIECES = 16
 # Rows of the scratch arrays.
 _TRIAL, _HERE, _NEXT, _START = range(4)
 _TARGET, _BETWEEN = range(2)
+# States that are moved in one call of compiled code, and that are settled.
+_MOVED_AT_ONCE, _SETTLED_AT_ONCE = 256, 1 << 14
 
 
 class Charted(NamedTuple):
@@ -313,35 +316,52 @@ def plant(charted: Charted, pool: Pool, seed_x: Array, seed_inputs: Array) -> in
     return planted
 
 
-@kernel
 def settle(legs: Array, load: Array, pool: Pool) -> Array:
     """Point every state straight at the representative of its branch; return the energies of the states (n,)."""
-    found = np.empty(pool.counts[0])
-    for state in range(pool.counts[0]):
-        pool.parent[state] = find_root(pool.parent, state)
-        found[state] = total_energy(legs, pool.x[state], load)
-    return found
+    energies = np.empty(pool.counts[0])
+    for first, last in slices(len(energies), _SETTLED_AT_ONCE):
+        _settle(legs, load, pool, first, energies[first:last])
+    return energies
 
 
 @kernel
+def _settle(legs: Array, load: Array, pool: Pool, first: int, energies: Array) -> None:
+    for n in range(energies.shape[0]):
+        state = first + n
+        pool.parent[state] = find_root(pool.parent, state)
+        energies[n] = total_energy(legs, pool.x[state], load)
+
+
 def move_all(charted: Charted, space: int, x: Array, inputs: Array, targets: Array) -> Array:
     """Move states (n, size) in place to inputs or poses (n, d); return their margins, -1 where one got lost."""
-    problem, margins = _make_problem(charted), np.empty(x.shape[0])
+    margins = np.empty(len(x))
+    for first, last in slices(len(x), _MOVED_AT_ONCE):
+        rows = slice(first, last)
+        _move_some(charted, space, x[rows], inputs[rows], targets[rows], margins[rows])
+    return margins
+
+
+@kernel
+def _move_some(charted: Charted, space: int, x: Array, inputs: Array, targets: Array, margins: Array) -> None:
+    problem = _make_problem(charted)
     for n in range(x.shape[0]):
         if space == INPUTS:
             margins[n] = move_to_inputs(problem, x[n], inputs[n], targets[n])
         else:
             margins[n] = move_to_pose(problem, x[n], inputs[n], targets[n])
-    return margins
+
+
+def mark_first(x: Array, inputs: Array) -> Mask:
+    """Return which states (n, size) are not the same as one before them."""
+    is_first = np.ones(len(x), dtype=np.bool_)
+    _mark_others(x, inputs, is_first)
+    return is_first
 
 
 @kernel
-def mark_first(x: Array, inputs: Array) -> Mask:
-    """Return which states (n, size) are not the same as one before them."""
-    is_first = np.ones(x.shape[0], dtype=np.bool_)
+def _mark_others(x: Array, inputs: Array, is_first: Mask) -> None:
     for n in range(x.shape[0]):
         for other in range(n):
             if are_same(x[n], x[other], inputs.shape[1]) and _input_gap(inputs[n], inputs[other]) <= SAME_STATE:
                 is_first[n] = False
                 break
-    return is_first

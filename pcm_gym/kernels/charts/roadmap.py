@@ -13,12 +13,12 @@ from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, make_line, track
 from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.lockstep.lanes import step_block
-from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane, store_state
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.snaps.instability import advance, is_instability
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
@@ -29,6 +29,8 @@ from pcm_gym.kernels.statics.states import Point, States, are_same
 UNKNOWN = -2
 # Part of the margin of the nodes that the middle of a step between them keeps.
 _PART_BETWEEN = 2.0 / 3.0
+# States that are moved in one call of compiled code, where each may snap, and nodes that are described in one.
+_MOVED_AT_ONCE, _DESCRIBED_AT_ONCE = 32, 1 << 13
 
 
 class Nodes(NamedTuple):
@@ -76,9 +78,19 @@ def _make_steps(leg_count: int, size: int) -> Steps:
 
 
 @kernel
-def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most: int) -> None:
-    """Expand up to `most` nodes; there must be room for 2 legs new ones from each."""
+def grow(
+    legs: Array, rasters: Rasters, nodes: Nodes, seeds: States, least_margin: float, most: int, planted: Integers
+) -> None:
+    """Enter stable equilibria at the nodes of their cells, then expand up to `most` nodes.
+
+    Fills `planted` with the nodes of the seeds, -1 for each from which no safe step leads there. There must be room for
+    one node from each seed, and for 2 legs new ones from each node that is expanded.
+    """
     steps = _make_steps(legs.shape[0], nodes.states.x.shape[1])
+    for n in range(seeds.x.shape[0]):
+        planted[n] = _plant(
+            legs, rasters, nodes, least_margin, Point(seeds.x[n], seeds.inputs[n], seeds.load[n]), steps
+        )
     waiting, end = 0, min(nodes.counts[0], nodes.counts[1] + most)
     for node in range(nodes.counts[1], end):
         for way in range(2 * legs.shape[0]):
@@ -98,6 +110,19 @@ def grow(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, most:
     if waiting > 0:
         _go(legs, rasters, nodes, least_margin, steps, waiting)
     nodes.counts[1] = end
+
+
+@kernel
+def _plant(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, seed: Point, steps: Steps) -> int:
+    """Enter a stable equilibrium at the node of its cell; return the node, or -1 where no safe step leads there."""
+    cell = nearest_cell(rasters, INPUTS, seed.inputs)
+    if cell == NOWHERE:
+        return NOWHERE
+    set_node(rasters, INPUTS, cell, steps.target)
+    steps.x[:], steps.inputs[:] = seed.x, seed.inputs
+    if not _go_alone(legs, seed.load, least_margin, steps):
+        return NOWHERE
+    return _place(nodes, cell, steps.x, steps.target, seed.load)
 
 
 @kernel
@@ -129,8 +154,7 @@ def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps:
 @kernel
 def _advance(legs: Array, steps: Steps, count: int, dof: int) -> None:
     """Move the lanes to their targets."""
-    computed = step_block(legs, steps.block, count, dof)
-    set_margins(legs, steps.block, computed, dof)
+    step_block(legs, steps.block, count, dof)
 
 
 @kernel
@@ -197,50 +221,43 @@ def find(nodes: Nodes, cell: int, x: Array) -> int:
     return NOWHERE
 
 
-@kernel
-def plant(
-    legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, seed_x: Array, seed_inputs: Array, load: Array
-) -> int:
-    """Enter a stable equilibrium at the node of its cell; return the node, or -1 where no safe step leads there.
-
-    There must be room for one.
-    """
-    steps = _make_steps(legs.shape[0], seed_x.shape[0])
-    cell = nearest_cell(rasters, INPUTS, seed_inputs)
-    if cell == NOWHERE:
-        return NOWHERE
-    set_node(rasters, INPUTS, cell, steps.target)
-    steps.x[:], steps.inputs[:] = seed_x, seed_inputs
-    if not _go_alone(legs, load, least_margin, steps):
-        return NOWHERE
-    return _place(nodes, cell, steps.x, steps.target, load)
-
-
-@kernel
 def pose_densities(legs: Array, x: Array, inputs: Array) -> Array:
     """Return |det d pose / d inputs| of states (n, size) at inputs (n, legs); 0 where it does not exist."""
-    leg_count, size = inputs.shape[1], x.shape[1]
-    work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
-    found = np.zeros(x.shape[0])
-    for n in range(x.shape[0]):
-        place(legs, x[n], inputs[n], work)
-        if set_forward_jacobian(legs, x[n], work, jacobian):
-            found[n] = abs(determinant(jacobian, leg_count))
+    found = np.zeros(len(x))
+    for first, last in slices(len(x), _DESCRIBED_AT_ONCE):
+        _set_densities(legs, x[first:last], inputs[first:last], found[first:last])
     return found
 
 
 @kernel
+def _set_densities(legs: Array, x: Array, inputs: Array, found: Array) -> None:
+    leg_count, size = inputs.shape[1], x.shape[1]
+    work, jacobian = make_workspace(leg_count, size), np.empty((size - 2 * leg_count, leg_count))
+    for n in range(x.shape[0]):
+        place(legs, x[n], inputs[n], work)
+        if set_forward_jacobian(legs, x[n], work, jacobian):
+            found[n] = abs(determinant(jacobian, leg_count))
+
+
 def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tuple[Mask, Mask]:
     """Move states to inputs (n, legs), in place, with a behaviour of `instability` where stability is lost.
 
     Returns which rows get there and are stable, and which lose stability on the way.
     """
+    has_arrived, was_lost = np.zeros(len(targets), np.bool_), np.zeros(len(targets), np.bool_)
+    for first, last in slices(len(targets), _MOVED_AT_ONCE):
+        some = States(*(array[first:last] for array in states))
+        rows = slice(first, last)
+        _move_some(legs, some, targets[rows], behaviour, has_arrived[rows], was_lost[rows])
+    return has_arrived, was_lost
+
+
+@kernel
+def _move_some(legs: Array, states: States, targets: Array, behaviour: int, has_arrived: Mask, was_lost: Mask) -> None:
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
-    has_arrived, was_lost = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for n in range(count):
         point = Point(states.x[n], states.inputs[n], states.load[n])
         tracked = advance(legs, point, targets[n], behaviour, line, work)
         has_arrived[n] = tracked.fraction == 1.0 and tracked.morse_index == 0
         was_lost[n] = is_instability(tracked.event)
-    return has_arrived, was_lost

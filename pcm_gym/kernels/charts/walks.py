@@ -6,7 +6,6 @@ from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_step
 from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.lockstep.lanes import step_block
-from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
 from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
@@ -34,8 +33,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
                 row = rows[first + lane]
                 _set_goal(states.inputs[row], targets[row], stride, min(part[row], left[row]), goal)
                 load_lane(states, row, goal, block, lane)
-            computed = step_block(legs, block, here, states.load.shape[1])
-            set_margins(legs, block, computed, states.load.shape[1])
+            step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
                 is_refused = block.common[0].is_sound[lane] == 0.0

@@ -3,7 +3,7 @@
 Read `cells` first: the plane of one rod's equilibria, graded, and what a leg offers over it at a pose. `sheets` cuts
 that plane by the rod's tip instead. `found` polishes what the searches propose and keeps each equilibrium once;
 `forward_search` (inputs given, over poses, by sheets) and `inverse_search` (pose given, by a join of the legs' trees of
-cells) propose.
+cells) propose. `linearisation` scales the equations near a state, for what is not isolated.
 
 Symbols
 -------

@@ -13,6 +13,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.rods.rod import rod
 from pcm_gym.kernels.statics.closure import (
     ATTACH_X,
@@ -44,6 +45,8 @@ _CONE = 1.0
 # Weight c of the even part of the grid along b.
 _EVENNESS = 3.0
 _GRADE_STEPS = 8
+# Rods in one call of compiled code.
+_RODS_AT_ONCE = 1 << 16
 
 
 class UnitRod(NamedTuple):
@@ -82,19 +85,25 @@ def make_unit_rod(levels: int, rho_max: float) -> UnitRod:
     return UnitRod(levels, rho_max, unit_rod_values(levels, rho_max))
 
 
-@kernel
 def unit_rod_values(levels: int, rho_max: float) -> Array:
     """Return tip and force of the unit rod on the nodes of its grid, (2, n + 1, n + 1, 4); see `UnitRod`."""
     count = 2**levels
     values = np.zeros((2, count + 1, count + 1, 4))
+    for first, last in slices(count + 1, max(1, _RODS_AT_ONCE // (2 * count))):
+        _fill_values(rho_max, values, first, last)
+    return values
+
+
+@kernel
+def _fill_values(rho_max: float, values: Array, first_row: int, last_row: int) -> None:
+    count = values.shape[1] - 1
     for side in range(2):
-        for i in range(count + 1):
+        for i in range(first_row, last_row):
             for j in range(count + 1):
                 g_x, g_y = grid_load(rho_max * i / count, j / count, side)
                 point = rod(g_x, g_y)
                 values[side, i, j, 0], values[side, i, j, 1] = point.tip_x, point.tip_y
                 values[side, i, j, 2], values[side, i, j, 3] = point.force_x, point.force_y
-    return values
 
 
 @kernel

@@ -15,7 +15,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.enumeration.cells import grid_load
-from pcm_gym.kernels.enumeration.found import Found, correct_and_keep, keep_partners
+from pcm_gym.kernels.enumeration.found import FOUND, SPENT, SPENT_AT_ONCE, Found, correct_and_keep
 from pcm_gym.kernels.enumeration.sheets import (
     ERROR_RADIUS,
     ERROR_X,
@@ -60,12 +60,17 @@ _BALANCE_ROWS = 8
 _WIDTH_PART = 0.6
 # Starts are this far inside the block of a patch, in cells of the rod's grid: its edge may be a straight rod.
 _INSIDE = 0.3
+# Rods whose reaches miss each other by no more than this part of a pose cell may touch.
+_TOUCHING = 1e-9
 # Half a pose cell's turn, at most, in rad.
 _LARGEST_HALF_TURN = 0.2
-# Starts are within a pose cell of their solution; what leads Newton's method farther away starts near it elsewhere.
-_SEARCH_RULES = NewtonRules(
-    first_correction=math.inf, contraction=1e3, iterations=40, residual=2e-15, largest_step=0.2, reach=0.2
-)
+# Starts are within a pose cell of their solution; what leads Newton's method farther away than this, in lengths of the
+# shortest rod, starts near it elsewhere. Longer corrections are shortened to it.
+_REACH = 0.2
+# Columns of a place beside those of every search: the angle, the pose cell, and the pair of offers.
+_TURN, _CELL, _PAIR = range(2, 5)
+# So many combinations whose forces are far apart take as long as one that is looked at more closely.
+_CHEAP_TESTS = 64
 
 
 class _PoseCells(NamedTuple):
@@ -110,9 +115,16 @@ def _cover_poses(legs: Array, clamps: Array, sheets: Sheets) -> _PoseCells:
         turns = math.ceil(math.pi / widest)
         half_turn = math.pi / turns
     half_width = part * room / math.sqrt(2.0)
-    columns = max(0, math.ceil(0.5 * (high_x - low_x) / half_width))
-    rows = max(0, math.ceil(0.5 * (high_y - low_y) / half_width))
+    columns, rows = _cells_across(high_x - low_x, half_width), _cells_across(high_y - low_y, half_width)
     return _PoseCells(low_x, low_y, half_width, half_turn, columns, rows, turns)
+
+
+@kernel
+def _cells_across(span: float, half_width: float) -> int:
+    """Return how many cells cover this span; one if rods that just reach each other leave none but rounding."""
+    if span < -_TOUCHING * half_width:
+        return 0
+    return max(1, math.ceil(0.5 * span / half_width))
 
 
 @kernel
@@ -303,35 +315,80 @@ def _set_start(search: _Search, offers: Array, i: int, j: int, k: int, answer: A
 
 @kernel
 def _combine_offers(
-    search: _Search, counts: Integers, offers: Array, load: Array, balance: Array, starts: Array, found: int
-) -> int:
-    """Add a start to `starts` for each combination of offers that may balance; return how many there are now."""
-    poses = search.poses
-    for i in range(counts[0]):
-        for j in range(counts[1]):
-            force_x = offers[0, i, _FORCE_X] + offers[1, j, _FORCE_X] - load[0]
-            force_y = offers[0, i, _FORCE_Y] + offers[1, j, _FORCE_Y] - load[1]
-            spread_x = offers[0, i, _SPREAD_X] + offers[1, j, _SPREAD_X]
-            spread_y = offers[0, i, _SPREAD_Y] + offers[1, j, _SPREAD_Y]
-            for k in range(counts[2]):
-                if abs(force_x + offers[2, k, _FORCE_X]) > spread_x + offers[2, k, _SPREAD_X]:
-                    continue
-                if abs(force_y + offers[2, k, _FORCE_Y]) > spread_y + offers[2, k, _SPREAD_Y]:
-                    continue
-                if not _may_balance(offers, i, j, k, poses, load, balance):
-                    continue
-                if found < starts.shape[0]:
-                    _set_answer(balance)
-                    _set_start(search, offers, i, j, k, balance[_ANSWER], starts[found])
-                found += 1
-    return found
+    search: _Search,
+    counts: Integers,
+    offers: Array,
+    load: Array,
+    balance: Array,
+    starts: Array,
+    place: Integers,
+) -> bool:
+    """Add a start to `starts` for each combination of offers that may balance.
+
+    Goes on with the pair of offers of the first two legs that `place` tells; returns whether that was all of them, or
+    the call is to end first.
+    """
+    found, spent = place[FOUND], place[SPENT]
+    for pair in range(place[_PAIR], counts[0] * counts[1]):
+        if found + counts[2] > starts.shape[0] or spent >= SPENT_AT_ONCE:
+            place[FOUND], place[SPENT], place[_PAIR] = found, spent, pair
+            return False
+        spent += 1 + counts[2] // _CHEAP_TESTS
+        i, j = pair // counts[1], pair % counts[1]
+        force_x = offers[0, i, _FORCE_X] + offers[1, j, _FORCE_X] - load[0]
+        force_y = offers[0, i, _FORCE_Y] + offers[1, j, _FORCE_Y] - load[1]
+        spread_x = offers[0, i, _SPREAD_X] + offers[1, j, _SPREAD_X]
+        spread_y = offers[0, i, _SPREAD_Y] + offers[1, j, _SPREAD_Y]
+        for k in range(counts[2]):
+            if abs(force_x + offers[2, k, _FORCE_X]) > spread_x + offers[2, k, _SPREAD_X]:
+                continue
+            if abs(force_y + offers[2, k, _FORCE_Y]) > spread_y + offers[2, k, _SPREAD_Y]:
+                continue
+            spent += 1
+            if not _may_balance(offers, i, j, k, search.poses, load, balance):
+                continue
+            _set_answer(balance)
+            _set_start(search, offers, i, j, k, balance[_ANSWER], starts[found])
+            found += 1
+    place[FOUND], place[SPENT], place[_PAIR] = found, spent, 0
+    return True
 
 
 @kernel
-def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts: Array) -> int:
-    """Fill `starts` (m, size) with states near which there may be an equilibrium; return how many there are.
+def _cells_within(low: float, half_width: float, count: int, least: float, largest: float) -> tuple[int, int]:
+    """Return the first of `count` cells along an axis whose centre is within these bounds, and the one after the last.
 
-    Those beyond the first m are counted only.
+    With one more at each end, for rounding.
+    """
+    first = math.floor(0.5 * ((least - low) / half_width - 1.0))
+    last = math.ceil(0.5 * ((largest - low) / half_width - 1.0)) + 1
+    return min(max(first, 0), count), min(max(last, 0), count)
+
+
+@kernel
+def _cells_in_reach(search: _Search) -> tuple[int, int, int, int]:
+    """Return the first column and row of pose cells at the present angle that all legs may reach, and their ends."""
+    legs, frames, poses, sheets = search.legs, search.frames, search.poses, search.sheets
+    low_x = low_y = -math.inf
+    high_x = high_y = math.inf
+    for leg in range(legs.shape[0]):
+        x, y = frames[leg, _CLAMP_X] - frames[leg, _HINGE_X], frames[leg, _CLAMP_Y] - frames[leg, _HINGE_Y]
+        # the corner of the lattice, which is turned with the clamp
+        reach = math.sqrt(2.0) * (sheets.extent + 0.5) * sheets.spacing * legs[leg, LENGTH]
+        low_x, high_x = max(low_x, x - reach), min(high_x, x + reach)
+        low_y, high_y = max(low_y, y - reach), min(high_y, y + reach)
+    first_column, last_column = _cells_within(poses.low_x, poses.half_width, poses.columns, low_x, high_x)
+    first_row, last_row = _cells_within(poses.low_y, poses.half_width, poses.rows, low_y, high_y)
+    return first_column, last_column, first_row, last_row
+
+
+@kernel
+def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, place: Integers, starts: Array) -> bool:
+    """Fill `starts` (m, size) with states near which there may be an equilibrium; return whether more are to come.
+
+    A call does a slice of the work. It begins where the one before has left `place` (5,), all zero at first, and leaves
+    there how many it has found, and how much it has spent. There must be room for as many starts as the largest number
+    of patches of a square.
     """
     leg_count, dof = legs.shape[0], load.shape[0]
     work = make_workspace(leg_count, starts.shape[1])
@@ -345,27 +402,38 @@ def find_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts:
     offers, counts = np.zeros((3, most, _OFFER_COLUMNS)), np.ones(3, dtype=np.int64)
     balance = np.zeros((_BALANCE_ROWS, 3))
     search = _Search(legs, frames, pose, poses, sheets)
-    found = 0
-    for turn in range(poses.turns):
+    place[FOUND] = place[SPENT] = 0
+    for turn in range(place[_TURN], poses.turns):
+        place[SPENT] += 1
         pose[2] = -math.pi + (2 * turn + 1) * poses.half_turn if dof == 3 else 0.0
         _set_hinges(legs, pose[2], frames)
-        for cell in range(poses.columns * poses.rows):
-            column, row = cell // poses.rows, cell % poses.rows
-            pose[0] = poses.low_x + (2 * column + 1) * poses.half_width
-            pose[1] = poses.low_y + (2 * row + 1) * poses.half_width
+        first_column, last_column, first_row, last_row = _cells_in_reach(search)
+        rows = last_row - first_row
+        for cell in range(place[_CELL], (last_column - first_column) * rows):
+            place[SPENT] += 1
+            pose[0] = poses.low_x + (2 * (first_column + cell // rows) + 1) * poses.half_width
+            pose[1] = poses.low_y + (2 * (first_row + cell % rows) + 1) * poses.half_width
             for leg in range(leg_count):
                 counts[leg] = _set_offers(legs, leg, frames, pose, poses, sheets, offers)
                 if counts[leg] == 0:
                     break
-            if counts.min() > 0:
-                found = _combine_offers(search, counts, offers, whole_load, balance, starts, found)
-    return found
+            is_done = counts.min() == 0 or _combine_offers(search, counts, offers, whole_load, balance, starts, place)
+            if not is_done or place[SPENT] >= SPENT_AT_ONCE:
+                place[_TURN], place[_CELL] = turn, cell + is_done
+                return True
+        place[_CELL] = 0
+        if place[SPENT] >= SPENT_AT_ONCE:
+            place[_TURN] = turn + 1
+            return True
+    return False
 
 
 @kernel
-def polish_starts(legs: Array, inputs: Array, load: Array, starts: Array, found: Found) -> int:
-    """Correct the starts to equilibria; put the different ones into `found`, return how many there are."""
+def polish_starts(legs: Array, inputs: Array, load: Array, sheets: Sheets, starts: Array, found: Found) -> None:
+    """Correct the starts to equilibria; put the different ones into `found`."""
     work = make_workspace(legs.shape[0], found.x.shape[1])
+    # pose cells are as small as the shortest rod wants them
+    reach = _REACH * min(1.0, legs[:, LENGTH].min())
+    rules = NewtonRules(math.inf, 1e3, 40, 2e-15, _REACH, reach)
     for start in starts:
-        correct_and_keep(legs, start, inputs, load, _SEARCH_RULES, work, found)
-    return keep_partners(legs, load, work, found)
+        correct_and_keep(legs, start, inputs, load, rules, work, found)

@@ -6,6 +6,7 @@ each leg, that cannot meet is dropped with all its cells. What remains is polish
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from pcm_gym.kernels.enumeration.cells import (
     reaching_input,
     set_offers,
 )
-from pcm_gym.kernels.enumeration.found import POLISH_RULES, Found, correct_and_keep, keep_partners
+from pcm_gym.kernels.enumeration.found import FOUND, POLISH_RULES, SPENT, SPENT_AT_ONCE, Found, correct_and_keep
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
 from pcm_gym.kernels.rods.rod import rod
@@ -37,6 +38,8 @@ from pcm_gym.kernels.statics.closure import ATTACH_X, ATTACH_Y, make_workspace
 
 # From this level on, combinations are tested by the linear system of their models as well as by their bounds.
 _LINEAR_TEST_LEVEL = 5
+# What a linear test takes, in tests of bounds.
+_LINEAR_TEST_COST = 4
 
 # Local coordinates of the starts near a cell's corners.
 _CORNER = 0.6
@@ -104,36 +107,62 @@ def _system_may_vanish(size: int, test: Array) -> bool:
     return may_vanish
 
 
+class Forest(NamedTuple):
+    """The legs' trees of cells, and the combinations of their nodes that are still to be examined."""
+
+    levels: int
+    models: Array  # (legs, nodes, offers, 4); see `cells`
+    bounds: Array  # (legs, nodes, offers, 2)
+    stack: Integers  # (m, legs + 1): a node of each leg, and the depth
+    height: Integers  # (1,): how many combinations are on the stack
+
+
+def make_forest(levels: int, leg_count: int) -> Forest:
+    """Return room for the trees of so many legs, and their roots on the stack."""
+    nodes, depth = node_offset(levels + 1), 8 * leg_count * (levels + 1)
+    stack = np.zeros((depth + 2**leg_count, leg_count + 1), dtype=np.int64)
+    for start in range(2**leg_count):
+        stack[start, :leg_count] = (start >> np.arange(leg_count)) & 1
+    models, bounds = np.empty((leg_count, nodes, OFFERS, 4)), np.empty((leg_count, nodes, OFFERS, 2))
+    return Forest(levels, models, bounds, stack, np.array([2**leg_count]))
+
+
 @kernel
-def join(levels: int, tree: Array, bounds: Array, load: Array, combinations: Integers, starts: Array) -> int:
-    """Find the combinations of cells, one leaf per leg, that may meet; return how many there are.
+def plant_tree(legs: Array, leg: int, pose: Array, unit: UnitRod, forest: Forest) -> None:
+    """Fill the tree of one leg: what it offers at this pose."""
+    count = 2**unit.levels
+    offers = np.empty((2, count + 1, count + 1, OFFERS))
+    set_offers(legs, leg, pose, unit, offers)
+    arm = math.hypot(legs[leg, ATTACH_X], legs[leg, ATTACH_Y])
+    fill_tree(unit.levels, offers, arm, leg, forest.models, forest.bounds)
+
+
+@kernel
+def join(forest: Forest, load: Array, place: Integers, combinations: Integers, starts: Array) -> bool:
+    """Find combinations of cells, one leaf per leg, that may hold an equilibrium; return whether more are to come.
 
     They are put into `combinations` (m, legs), and the local coordinates where their models meet, cut to the cells,
-    into `starts` (m, 2 legs). If there are more than fit, only one more than fit is counted.
+    into `starts` (m, 2 legs). A call does a slice of the work; it leaves in `place` (2,) how many it has found, and how
+    much it has spent.
     """
+    levels, tree, bounds, stack = forest.levels, forest.models, forest.bounds, forest.stack
     leg_count = combinations.shape[1]
     size = 2 * leg_count
     test = np.empty((size, 2 * size + 2))
-    stack = np.empty((8 * leg_count * (levels + 1) + 2**leg_count, leg_count + 1), dtype=np.int64)
     nodes = np.empty(leg_count, dtype=np.int64)
-    top = 0
-    for start in range(2**leg_count):
-        for leg in range(leg_count):
-            stack[top, leg] = (start >> leg) & 1
-        stack[top, leg_count] = 0
-        top += 1
-    count = 0
-    while top > 0:
+    top, count, spent = forest.height[0], 0, 0
+    while top > 0 and count < combinations.shape[0] and spent < SPENT_AT_ONCE:
         top -= 1
         depth = stack[top, leg_count]
         split, level = depth % leg_count, depth // leg_count
         for leg in range(leg_count):
             nodes[leg] = stack[top, leg] + node_offset(level + 1 if leg < split else level)
-        if level >= _LINEAR_TEST_LEVEL and not _may_meet_linearly(tree, nodes, load, test):
-            continue
+        spent += 1
+        if level >= _LINEAR_TEST_LEVEL:
+            spent += _LINEAR_TEST_COST
+            if not _may_meet_linearly(tree, nodes, load, test):
+                continue
         if level == levels:
-            if count == combinations.shape[0]:
-                return count + 1
             combinations[count] = stack[top, :leg_count]
             for k in range(size):
                 starts[count, k] = min(max(test[k, 2 * size], -1.0), 1.0)
@@ -147,22 +176,8 @@ def join(levels: int, tree: Array, bounds: Array, load: Array, combinations: Int
                     stack[top, leg] = nodes[leg] - node_offset(level + 1 if leg <= split else level)
                 stack[top, leg_count] = depth + 1
                 top += 1
-    return count
-
-
-@kernel
-def find_combinations(
-    legs: Array, pose: Array, load: Array, unit: UnitRod, combinations: Integers, starts: Array
-) -> int:
-    """Find the combinations of cells that may hold an equilibrium; return how many there are (see `join`)."""
-    leg_count, count = legs.shape[0], 2**unit.levels
-    offers = np.empty((2, count + 1, count + 1, OFFERS))
-    tree = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 4))
-    bounds = np.empty((leg_count, node_offset(unit.levels + 1), OFFERS, 2))
-    for leg in range(leg_count):
-        set_offers(legs, leg, pose, unit, offers)
-        fill_tree(unit.levels, offers, math.hypot(legs[leg, ATTACH_X], legs[leg, ATTACH_Y]), leg, tree, bounds)
-    return join(unit.levels, tree, bounds, load, combinations, starts)
+    forest.height[0], place[FOUND], place[SPENT] = top, count, spent
+    return bool(top > 0)
 
 
 @kernel
@@ -177,7 +192,7 @@ def _set_start_rods(combination: Integers, start: Array, unit: UnitRod, x: Array
 @kernel
 def polish_combinations(
     legs: Array, pose: Array, load: Array, unit: UnitRod, combinations: Integers, starts: Array, found: Found
-) -> int:
+) -> None:
     """Correct the starts in these cells to equilibria at `pose`; put the different ones into `found`."""
     leg_count = legs.shape[0]
     work = make_workspace(leg_count, found.x.shape[1])
@@ -195,4 +210,3 @@ def polish_combinations(
                 hinge_x, hinge_y = hinge(legs, leg, pose)
                 inputs[leg] = reaching_input(legs, leg, hinge_x, hinge_y, point.tip_x, point.tip_y)
             correct_and_keep(legs, x, inputs, load, POLISH_RULES, work, found)
-    return keep_partners(legs, load, work, found)

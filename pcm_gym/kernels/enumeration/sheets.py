@@ -16,6 +16,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.enumeration.cells import unit_rod_values
 from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.numerics.slices import slices
 
 # Columns of a patch. The box of tips that it covers, seen from its node; affine functions of the tip from its node (its
 # value and slopes along x and y): the force, and the place on the unit rod's grid; the error of the force, a segment
@@ -43,6 +44,8 @@ _ERROR_FACTOR = 1.15
 _BOX_MARGIN = 0.05
 # Slopes across patches narrower than this part of the square are held down.
 _LEAST_WIDTH = 0.02
+# Cells of the grid in one call of compiled code.
+_CELLS_AT_ONCE = 1 << 16
 
 
 class Sheets(NamedTuple):
@@ -67,55 +70,88 @@ class _Grid(NamedTuple):
     is_turned: Mask  # (cells,): whether the map to the tip turns the cell over; that changes across folds
 
 
+class _Lattice(NamedTuple):
+    """The lattice of the tip's plane."""
+
+    spacing: float
+    half_width: float
+    extent: int
+
+
+class _Squares(NamedTuple):
+    """The grid's cells by the square that they reach into, one square after the other."""
+
+    places: Integers  # (squares + 1,): where the cells of each square begin
+    cells: Integers  # (places[-1],)
+    place_of: Integers  # (cells of the grid,): where a cell is among those of the square that is looked at
+
+
 def make_sheets(rho_max: float, refinement: int) -> Sheets:
     """Return the patches of all equilibria of the unit rod with rho up to `rho_max`."""
-    return Sheets(rho_max, *_tabulate_sheets(rho_max, refinement))
+    scale = 0.5**refinement
+    spacing, half_width = scale * _SPACING, scale * _HALF_WIDTH
+    lattice = _Lattice(spacing, half_width, math.ceil((1.0 + half_width) / spacing))
+    grid = _new_grid(max(5, math.ceil(math.log2(_CELLS_PER_RHO * rho_max / scale))), rho_max)
+    squares = _cells_by_square(grid, lattice)
+    count = len(squares.places) - 1
+    offsets, patches = np.zeros(count + 1, dtype=np.int64), np.empty((1 << 12, PATCH_COLUMNS))
+    first = 0
+    while first < count:
+        last = int(np.searchsorted(squares.places, squares.places[first] + _CELLS_AT_ONCE, side="right"))
+        last = min(max(last, first + 1), count)
+        wanted = offsets[first] + squares.places[last] - squares.places[first]  # at most one patch per cell
+        if wanted > len(patches):
+            patches = np.concatenate([patches, np.empty((wanted, PATCH_COLUMNS))])
+        _add_squares(grid, lattice, squares, first, last, offsets, patches)
+        first = last
+    return Sheets(rho_max, grid.size, *lattice, offsets, patches[: offsets[-1]].copy())
 
 
 @kernel
-def _tabulate_sheets(rho_max: float, refinement: int) -> tuple[int, float, float, int, Integers, Array]:
-    """Return the fields of `Sheets` that follow `rho_max`."""
-    scale = 0.5**refinement
-    grid = _make_grid(max(5, math.ceil(math.log2(_CELLS_PER_RHO * rho_max / scale))), rho_max)
-    spacing, half_width = scale * _SPACING, scale * _HALF_WIDTH
-    extent = math.ceil((1.0 + half_width) / spacing)
-    width = 2 * extent + 1
-    cells, places = _cells_by_square(grid, spacing, half_width, extent)
-    place_of = np.zeros(grid.first_node.shape[0], dtype=np.int64)
-    offsets = np.zeros(places.shape[0], dtype=np.int64)
-    patches = np.empty((1 << 12, PATCH_COLUMNS))
-    found = 0
-    for square in range(width * width):
+def _add_squares(
+    grid: _Grid, lattice: _Lattice, squares: _Squares, first: int, last: int, offsets: Integers, patches: Array
+) -> None:
+    """Add the patches of the squares from `first` to `last`, and their offsets."""
+    cells, places, width = squares.cells, squares.places, 2 * lattice.extent + 1
+    found = offsets[first]
+    for square in range(first, last):
         start, stop = places[square], places[square + 1]
         for place in range(start, stop):
-            place_of[cells[place]] = place
+            squares.place_of[cells[place]] = place
         while start < stop:
-            end = _gather_sheet(grid, cells, start, stop, place_of)
-            while found + end - start > patches.shape[0]:  # at most one patch per cell
-                patches = np.concatenate((patches, np.empty_like(patches)))
-            x, y = spacing * (square // width - extent), spacing * (square % width - extent)
-            found = _add_patches(grid, cells[start:end], x, y, half_width, patches, found)
+            end = _gather_sheet(grid, cells, start, stop, squares.place_of)
+            x = lattice.spacing * (square // width - lattice.extent)
+            y = lattice.spacing * (square % width - lattice.extent)
+            found = _add_patches(grid, cells[start:end], x, y, lattice.half_width, patches, found)
             start = end
         offsets[square + 1] = found
-    return grid.size, spacing, half_width, extent, offsets, patches[:found].copy()
+
+
+def _new_grid(levels: int, rho_max: float) -> _Grid:
+    size, values = 2**levels, unit_rod_values(levels, rho_max)
+    nodes = np.empty((2, size + 1, size + 1, _NODE_COLUMNS))
+    nodes[..., :_ROW] = values
+    nodes[..., _ROW], nodes[..., _COLUMN] = np.arange(size + 1)[:, np.newaxis], np.arange(size + 1)
+    count = 2 * size * size
+    grid = _Grid(
+        size,
+        nodes.reshape(-1, _NODE_COLUMNS),
+        np.empty(count, dtype=np.int64),
+        np.empty((count, 4)),
+        np.empty(count, dtype=np.bool_),
+    )
+    for first, last in slices(count, _CELLS_AT_ONCE):
+        _fill_cells(grid, first, last)
+    return grid
 
 
 @kernel
-def _make_grid(levels: int, rho_max: float) -> _Grid:
-    values = unit_rod_values(levels, rho_max)
-    size, width = 2**levels, 2**levels + 1
-    nodes = np.empty((2 * width * width, _NODE_COLUMNS))
-    for node in range(nodes.shape[0]):
-        side, i, j = node // (width * width), node // width % width, node % width
-        nodes[node, :4] = values[side, i, j]
-        nodes[node, 4], nodes[node, 5] = i, j
-    first_node = np.empty(2 * size * size, dtype=np.int64)
-    boxes = np.empty((2 * size * size, 4))
-    is_turned = np.empty(2 * size * size, dtype=np.bool_)
-    for cell in range(2 * size * size):
+def _fill_cells(grid: _Grid, first_cell: int, last_cell: int) -> None:
+    size, width, nodes, boxes = grid.size, grid.size + 1, grid.nodes, grid.boxes
+    for cell in range(first_cell, last_cell):
         side, i, j = cell // (size * size), cell // size % size, cell % size
         first = side * width * width + i * width + j
-        first_node[cell] = first
+        grid.first_node[cell] = first
         corners = nodes[first, :2], nodes[first + 1, :2], nodes[first + width, :2], nodes[first + width + 1, :2]
         for k in range(2):
             low = min(corners[0][k], corners[1][k], corners[2][k], corners[3][k])
@@ -123,35 +159,39 @@ def _make_grid(levels: int, rho_max: float) -> _Grid:
             margin = _BOX_MARGIN * (high - low)
             boxes[cell, 2 * k], boxes[cell, 2 * k + 1] = low - margin, high + margin
         diagonal, other = corners[3] - corners[0], corners[2] - corners[1]
-        is_turned[cell] = diagonal[0] * other[1] < diagonal[1] * other[0]
-    return _Grid(size, nodes, first_node, boxes, is_turned)
+        grid.is_turned[cell] = diagonal[0] * other[1] < diagonal[1] * other[0]
+
+
+def _cells_by_square(grid: _Grid, lattice: _Lattice) -> _Squares:
+    """Return the cells that reach into the square of each lattice node."""
+    cell_count, square_count = len(grid.boxes), (2 * lattice.extent + 1) ** 2
+    places, no_cells = np.zeros(square_count + 1, dtype=np.int64), np.empty(0, dtype=np.int64)
+    for first, last in slices(cell_count, _CELLS_AT_ONCE):
+        _enter_cells(grid.boxes, lattice, first, last, places[1:], no_cells)
+    places = np.cumsum(places)
+    cells, next_place = np.empty(places[-1], dtype=np.int64), places[:-1].copy()
+    for first, last in slices(cell_count, _CELLS_AT_ONCE):
+        _enter_cells(grid.boxes, lattice, first, last, next_place, cells)
+    return _Squares(places, cells, np.zeros(cell_count, dtype=np.int64))
 
 
 @kernel
-def _cells_by_square(grid: _Grid, spacing: float, half_width: float, extent: int) -> tuple[Integers, Integers]:
-    """Return the cells that reach into the square of each lattice node, and where those of each begin."""
-    width = 2 * extent + 1
-    places = np.zeros(width * width + 1, dtype=np.int64)
-    cells = np.empty(0, dtype=np.int64)
-    boxes = grid.boxes
-    for is_filling in range(2):
-        next_place = places.copy()
-        for cell in range(boxes.shape[0]):
-            first_a = max(-extent, math.ceil((boxes[cell, X_LOW] - half_width) / spacing)) + extent
-            last_a = min(extent, math.floor((boxes[cell, X_HIGH] + half_width) / spacing)) + extent
-            first_b = max(-extent, math.ceil((boxes[cell, Y_LOW] - half_width) / spacing)) + extent
-            last_b = min(extent, math.floor((boxes[cell, Y_HIGH] + half_width) / spacing)) + extent
-            for a in range(first_a, last_a + 1):
-                for square in range(a * width + first_b, a * width + last_b + 1):
-                    if is_filling:
-                        cells[next_place[square]] = cell
-                        next_place[square] += 1
-                    else:
-                        places[square + 1] += 1
-        if not is_filling:
-            places = np.cumsum(places)
-            cells = np.empty(places[-1], dtype=np.int64)
-    return cells, places
+def _enter_cells(
+    boxes: Array, lattice: _Lattice, first_cell: int, last_cell: int, next_place: Integers, cells: Integers
+) -> None:
+    """Put these cells into `cells`, at the next places of the squares that they reach into, or count them."""
+    extent, spacing, half_width = lattice.extent, lattice.spacing, lattice.half_width
+    width, is_filling = 2 * extent + 1, cells.shape[0] > 0
+    for cell in range(first_cell, last_cell):
+        first_a = max(-extent, math.ceil((boxes[cell, X_LOW] - half_width) / spacing)) + extent
+        last_a = min(extent, math.floor((boxes[cell, X_HIGH] + half_width) / spacing)) + extent
+        first_b = max(-extent, math.ceil((boxes[cell, Y_LOW] - half_width) / spacing)) + extent
+        last_b = min(extent, math.floor((boxes[cell, Y_HIGH] + half_width) / spacing)) + extent
+        for a in range(first_a, last_a + 1):
+            for square in range(a * width + first_b, a * width + last_b + 1):
+                if is_filling:
+                    cells[next_place[square]] = cell
+                next_place[square] += 1
 
 
 @kernel

@@ -9,6 +9,8 @@ import math
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.continuation import STEP_RULES
+from pcm_gym.kernels.branches.smoothness import is_as_foreseen, is_small_defect
+from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import (
     Block,
     CommonLanes,
@@ -28,7 +30,7 @@ from pcm_gym.kernels.lockstep.layout import (
 )
 from pcm_gym.kernels.lockstep.verdicts import judge_block, residual, set_index
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.numerics.linear import Symmetric, solve_symmetric
+from pcm_gym.kernels.numerics.linear import Symmetric, solve_symmetric, trace_of_inverse
 from pcm_gym.kernels.rods.elliptic import LARGEST_ANGLE, sine_and_cosine
 from pcm_gym.kernels.rods.rod import rod_in_lanes
 from pcm_gym.kernels.statics.closure import ATTACH_X, LENGTH, STIFFNESS, actuator_of
@@ -92,6 +94,7 @@ def rest_block(legs: Array, block: Block, count: int, dof: int) -> int:
     block.common[0].is_sound[:computed] = 1.0
     _place_clamps(legs, block, computed, 1.0)
     _finish(legs, block, computed, dof)
+    set_margins(legs, block, computed, dof)
     return computed
 
 
@@ -122,6 +125,7 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
     common.index_before[:count] = common.index[:count]
     _set_rates(legs, block, count)
     _solve(block, count)
+    _keep_tangent(block, count, dof)
     common.is_moving[:count] = 1.0
     _add_step(block, count)
     _place_clamps(legs, block, count, 1.0)
@@ -136,6 +140,11 @@ def _step_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
     _finish(legs, block, count, dof)
     for lane in range(count):
         keep_if(common, lane, (common.index[lane] == common.index_before[lane]) & (common.is_moving[lane] == 0.0))
+    _refuse_uneven(legs, block, count)
+    set_margins(legs, block, count, dof)
+    for lane in range(count):
+        is_as_told = is_as_foreseen(common.foreseen[lane], common.greatest[lane], common.yielding[lane])
+        keep_if(common, lane, is_as_told & (common.is_clear[lane] > 0.0))
 
 
 @kernel
@@ -289,6 +298,53 @@ def _set_step(leg: LegLanes, common: CommonLanes, count: int) -> None:
 
 
 @kernel
+def _keep_tangent(block: Block, count: int, dof: int) -> None:
+    """Keep the step as the tangent at the start, so that `bow` becomes what is added to it; keep the compliance."""
+    common, of_own_turn = block.common[0], own_turn_stiffness(dof)  # a compliance of 1, or none
+    for i in range(block.legs.shape[0]):
+        leg = block.legs[i]
+        for lane in range(count):
+            step = pair(leg.step, lane)
+            set_pair(leg.tangent, lane, step)
+            set_pair(leg.bow, lane, (-step[0], -step[1]))
+    for lane in range(count):
+        move = triple(common.move, lane)
+        set_triple(common.tangent, lane, move)
+        set_triple(common.bow, lane, (-move[0], -move[1], -move[2]))
+        common.yielding[lane] = trace_of_inverse(symmetric(common.stiffness, lane)) - of_own_turn
+
+
+@kernel
+def _refuse_uneven(legs: Array, block: Block, count: int) -> None:
+    """Refuse the lanes whose tangents at both ends do not agree with the chord, as `is_even` does."""
+    common = block.common[0]
+    _set_rates(legs, block, count)
+    _solve(block, count)
+    for lane in range(count):
+        first, last, bow = triple(common.tangent, lane), triple(common.move, lane), triple(common.bow, lane)
+        length = defect = 0.0
+        for n in range(3):
+            length = max(length, abs(0.5 * (first[n] + last[n])))
+            defect = max(defect, abs(bow[n] + 0.5 * (first[n] - last[n])))
+        common.length[lane], common.defect[lane] = length, defect
+    for i in range(block.legs.shape[0]):
+        _measure_rod(block.legs[i], common, count)
+    for lane in range(count):
+        keep_if(common, lane, is_small_defect(common.defect[lane], common.length[lane]))
+
+
+@kernel
+def _measure_rod(leg: LegLanes, common: CommonLanes, count: int) -> None:
+    for lane in range(count):
+        first, last, bow = pair(leg.tangent, lane), pair(leg.step, lane), pair(leg.bow, lane)
+        tip_g, force_g, force = derivatives(leg.tip_g, lane), derivatives(leg.force_g, lane), pair(leg.force, lane)
+        mean = 0.5 * (first[0] + last[0]), 0.5 * (first[1] + last[1])
+        off = bow[0] + first[0] - mean[0], bow[1] + first[1] - mean[1]
+        common.length[lane] = max(common.length[lane], rod_correction(tip_g, force_g, force, mean))
+        common.defect[lane] = max(common.defect[lane], rod_correction(tip_g, force_g, force, off))
+
+
+@kernel
 def _add_step(block: Block, count: int) -> None:
     """Add the step where the lane still moves."""
     common = block.common[0]
@@ -296,11 +352,14 @@ def _add_step(block: Block, count: int) -> None:
         leg = block.legs[i]
         for lane in range(count):
             is_moving, step = common.is_moving[lane] > 0.0, pair(leg.step, lane)
-            add_pair(leg.g, lane, (step[0] if is_moving else 0.0, step[1] if is_moving else 0.0))
+            added_step = step[0] if is_moving else 0.0, step[1] if is_moving else 0.0
+            add_pair(leg.g, lane, added_step)
+            add_pair(leg.bow, lane, added_step)
     for lane in range(count):
         is_moving, move = common.is_moving[lane] > 0.0, triple(common.move, lane)
-        add_pair(common.pose, lane, (move[0] if is_moving else 0.0, move[1] if is_moving else 0.0))
-        common.pose[2, lane] += move[2] if is_moving else 0.0
+        added_move = move[0] if is_moving else 0.0, move[1] if is_moving else 0.0, move[2] if is_moving else 0.0
+        add_triple(common.pose, lane, added_move)
+        add_triple(common.bow, lane, added_move)
 
 
 @kernel

@@ -52,11 +52,17 @@ class LegLanes:
     arm: Array = _runs(2)
     right: Array = _runs(2)  # right-hand side of closure
     step: Array = _runs(2)  # of g
+    tangent: Array = _runs(2)  # change of g over the step at its rate at the start
+    bow: Array = _runs(2)  # change of g beyond that
 
     # for the margin, which is worked out when the step is done
     curvature: Array = _runs(4, 3, over=("force_g", "dead_load_index", "clamp", "functions"))
     by_tip: Array = _runs(2, over=("right",))  # derivatives of v' K v, see `margin.Cubic`
     by_clamp: Array = _runs(over=("step",))
+    g_tip: Array = _runs(4, over=("tip_g",))  # derivatives of g by the tip
+    rate: Array = _runs(2, over=("tip",))  # of the tip with the leg's own input, g held
+    drive: Array = _runs(3)  # force of the leg's own input along each eigenvector
+    driven: Array = _runs(3)  # motion of the end-effector with the leg's own input
 
 
 class CommonLanes:
@@ -68,9 +74,19 @@ class CommonLanes:
     right: Array = _runs(3)  # right-hand side of equilibrium
     pull: Array = _runs(3)  # what moves the condensed end-effector
     move: Array = _runs(3)
+    tangent: Array = _runs(3)  # change of the pose over the step at its rate at the start
+    bow: Array = _runs(3)  # change of the pose beyond that
+    length: Array = _runs()  # of the step, by the mean of the tangents at its ends
+    defect: Array = _runs()  # of the chord from that
+    yielding: Array = _runs()  # trace of the compliance at the start of the step
+    foreseen: Array = _runs()  # the same as far as the end of the step tells
+    greatest: Array = _runs()  # what that would be of a stable state
+    along: Array = _runs()  # half the change of a squared eigenvalue over the step at its rate at the end
+    is_clear: Array = _runs()  # 1 or 0: no eigenvalue seems to have vanished within the step
     stiffness: Array = _runs(6)
     eigenvalues: Array = _runs(6)  # the stiffness made diagonal
     axes: Array = _runs(3, 3)  # its eigenvectors, one after the other
+    compliances: Array = _runs(3)  # the inverse eigenvalues
     size: Array = _runs()  # of the last correction
     previous: Array = _runs()  # of the one before
     closure_error: Array = _runs()
@@ -80,6 +96,7 @@ class CommonLanes:
     stability_margin: Array = _runs()
     singularity_margin: Array = _runs()
     squared_slope: Array = _runs()
+    squared_rate: Array = _runs()  # of the load that changes fastest with the inputs
     is_sound: Array = _runs()  # 1 or 0
     is_moving: Array = _runs()
 

@@ -21,6 +21,7 @@ from typing import Any
 import numba
 import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.compiler import compile_result
 
 _PACKAGE = "pcm_gym.kernels"
 _KERNEL_FOLDER = Path(__file__).parents[1]
@@ -77,6 +78,7 @@ class _Locator(_CacheLocator):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._code = function.__code__
+        self._py_file = self._code.co_filename  # Numba names it where it warns
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], _file: str) -> "_Locator":
@@ -96,14 +98,55 @@ class _Locator(_CacheLocator):
         return str(self._code.co_firstlineno)
 
 
+class _PartLocator(_Locator):
+    """Tells Numba where one function is kept as a part of others."""
+
+    def get_disambiguator(self) -> str:
+        return f"{super().get_disambiguator()}-part"
+
+
 class _Implementation(CompileResultCacheImpl):
     _locator_classes = (_Locator,)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Return a result from what its library and Numba have kept of it."""
+        (name, kind, kept), fndesc, environment, signature, objectmode, lifted, annotation, reload, others = payload
+        for prepare in reload:
+            prepare()
+        library = kind.restored(target_context.codegen(), name, kept)
+        library._reload_init.update(reload)
+        entry_point = target_context.get_executable(library, fndesc, environment)
+        for other in others:
+            library.codegen.set_env(other.env_name, other)
+        return compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            entry_point=entry_point,
+            library=library,
+            fndesc=fndesc,
+            environment=environment,
+            signature=signature,
+            objectmode=objectmode,
+            lifted=lifted,
+            type_annotation=annotation,
+            reload_init=reload,
+            referenced_envs=others,
+        )
+
+
+class _PartImplementation(_Implementation):
+    _locator_classes = (_PartLocator,)
 
 
 class KernelCache(FunctionCache):
     """Numba's cache of one function, kept where this module says, whose failures are never an error."""
 
     _impl_class = _Implementation
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether there is something of the function on disk, for whatever types."""
+        return Path(self._cache_file._index_path).exists()
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Return the machine code for a signature; None if there is none, or none that can be read."""
@@ -121,6 +164,12 @@ class KernelCache(FunctionCache):
         except OSError as error:
             self.disable()
             _say_unwritable(error)
+
+
+class PartCache(KernelCache):
+    """The same for a function as a part of others."""
+
+    _impl_class = _PartImplementation
 
 
 @cache

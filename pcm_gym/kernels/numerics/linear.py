@@ -162,6 +162,19 @@ def adjugate_times(a: Symmetric, x: float, y: float, z: float) -> tuple[tuple[fl
 
 
 @formula
+def principal_minors(a: Symmetric) -> float:
+    """Return the sum of the principal minors of two rows: that of the products of two eigenvalues."""
+    return a.xx * a.yy - a.xy * a.xy + a.xx * a.zz - a.xz * a.xz + a.yy * a.zz - a.yz * a.yz
+
+
+@formula
+def trace_of_inverse(a: Symmetric) -> float:
+    """Return the sum of the inverse eigenvalues."""
+    _, determinant = adjugate_times(a, 0.0, 0.0, 0.0)
+    return principal_minors(a) / determinant
+
+
+@formula
 def eigenvalues_2(a: Symmetric) -> tuple[float, float]:
     """Return the eigenvalues of the upper left 2 x 2 corner, the lesser first."""
     mean, half = 0.5 * (a.xx + a.yy), 0.5 * (a.xx - a.yy)

@@ -6,15 +6,21 @@ fork, and belong to no environment: what uses them can be copied and pickled.
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial
 
 import numba
+
+from pcm_gym.kernels.numerics.slices import slices
 
 # Rows that a thread takes at a time: few enough to share them evenly, many enough to be worth the call.
 PIECE = 128
 # With fewer rows than this the threads cost more than they save.
 LEAST_ROWS = 256
+# Rows that one thread alone takes at a time: few enough for an interruption to be noticed soon.
+LARGEST_PIECE = 1 << 12
+# More threads than these are a mistake.
+MOST_THREADS = 256
 
 
 def default_thread_count() -> int:
@@ -38,19 +44,27 @@ if hasattr(os, "register_at_fork"):  # the threads stay behind in the parent
 
 def pieces_of(function: Callable[[int, int], None], count: int, threads: int) -> list[Callable[[], None]]:
     """Return calls of ``function(first, last)`` that together cover the rows from 0 to `count`."""
-    piece = PIECE if threads > 1 and count >= LEAST_ROWS else count
-    return [partial(function, first, min(first + piece, count)) for first in range(0, count, piece or 1)]
+    piece = PIECE if threads > 1 and count >= LEAST_ROWS else LARGEST_PIECE
+    return [partial(function, first, last) for first, last in slices(count, piece)]
 
 
 def run_all(jobs: Sequence[Callable[[], None]], threads: int) -> None:
-    """Run the jobs, each once, on `threads` threads, the caller's own among them. A job may itself call this."""
+    """Run the jobs, each once, on `threads` threads, the caller's own among them. A job may itself call this.
+
+    Where one fails, or the caller is interrupted, those that have not begun are dropped, and the others waited for.
+    """
     left = iter(jobs)
-    helper_count = min(threads, len(jobs)) - 1
-    helpers = [_pool(threads - 1).submit(_work, left) for _ in range(helper_count)]
-    _work(left)
-    for helper in helpers:
-        if not helper.cancel():  # one that has not begun has nothing left to do
-            helper.result()
+    helpers: list[Future[None]] = []
+    try:
+        for _ in range(min(threads, len(jobs)) - 1):
+            helpers.append(_pool(threads - 1).submit(_work, left))
+        _work(left)
+    finally:
+        for _ in left:
+            pass
+        for helper in helpers:
+            if not helper.cancel():  # one that has not begun has nothing left to do
+                helper.result()
 
 
 def _work(left: Iterator[Callable[[], None]]) -> None:

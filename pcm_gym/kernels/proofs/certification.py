@@ -7,36 +7,23 @@ lie in a box with one equilibrium (see `krawczyk`) are done. The rest is narrowe
 are proved and added. What is still open at the smallest cells is undecided: a fold, or something like it.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.enumeration.cells import node_offset, reaching_input
-from pcm_gym.kernels.enumeration.found import POLISH_RULES
+from pcm_gym.kernels.enumeration.cells import node_offset
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
-from pcm_gym.kernels.proofs.krawczyk import (
-    POLAR,
-    Krawczyk,
-    Proved,
-    correct,
-    is_proved,
-    make_krawczyk,
-    natural_width,
-    prove,
-)
+from pcm_gym.kernels.numerics.slices import slices
+from pcm_gym.kernels.proofs.krawczyk import Krawczyk, Proved, correct, is_proved, make_krawczyk, natural_width, prove
 from pcm_gym.kernels.proofs.rod_cells import (
     ACROSS,
     ALONG,
-    B_HALF,
     BAND_LEVEL,
     CENTER,
-    PLACED,
     REMAINDER,
     RHO,
-    RHO_HALF,
     ROWS,
     SLACK,
     SPREAD,
@@ -46,19 +33,6 @@ from pcm_gym.kernels.proofs.rod_cells import (
     set_contribution,
     set_unit_models,
 )
-from pcm_gym.kernels.rods.rod import rod
-from pcm_gym.kernels.statics.closure import (
-    BASE_X,
-    BASE_Y,
-    CLAMP_ANGLE,
-    LENGTH,
-    TIP_X,
-    TURN,
-    evaluate_rods,
-    make_workspace,
-    set_inputs,
-)
-from pcm_gym.kernels.statics.newton import CONVERGED, solve_forward_locally, solve_inverse_locally
 
 # A pair of cells is split until its loads are known so well, relative to `natural_width`.
 _LEAST_CELL = 1e-7
@@ -67,6 +41,11 @@ _NARROWED = 0.6
 # Where less than this part of all its widths is left, an equilibrium is looked for in it.
 _CLEAR = 0.4
 _DEPTH = 200
+
+# Pairs of nodes that are looked at in one call of compiled code, parts of leaves, and equilibria.
+_PAIRS_AT_ONCE, _PARTS_AT_ONCE, _PROVED_AT_ONCE = 1 << 18, 1 << 13, 32
+# How the examination of pairs stands.
+RESOLVED, GOES_ON, GIVEN_UP = range(3)
 
 
 class Undecided(NamedTuple):
@@ -82,17 +61,20 @@ def make_undecided(capacity: int) -> Undecided:
     return Undecided(np.zeros((capacity, 2, 4)), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 
+def prove_all(frames: Frames, starts: Array, proved: Proved) -> None:
+    """Prove the equilibria near the polar loads `starts` (m, 4), one by one, as far as that can be done."""
+    for first, last in slices(len(starts), _PROVED_AT_ONCE):
+        _prove_some(frames, starts[first:last], proved)
+
+
 @kernel
-def prove_all(frames: Frames, starts: Array, proved: Proved) -> int:
-    """Prove the equilibria near the polar loads `starts` (m, 4), one by one; return how many could be proved."""
+def _prove_some(frames: Frames, starts: Array, proved: Proved) -> None:
     work = make_krawczyk()
-    count = 0
     for n in range(starts.shape[0]):
         z = starts[n].copy()
         if not correct(frames, z, work):
             z[:] = starts[n]
-        count += prove(frames, z, proved, work)
-    return count
+        prove(frames, z, proved, work)
 
 
 @kernel
@@ -146,27 +128,42 @@ def _narrow(first: Array, second: Array, work: Krawczyk) -> bool:
     return True
 
 
-@kernel
-def find_open_pairs(tables: tuple[UnitCells, UnitCells], frames: Frames, proved: Proved, pairs: Integers) -> int:
-    """Find the pairs of leaves that may hold an equilibrium outside the proved boxes; return how many there are.
+class OpenPairs(NamedTuple):
+    """The search for pairs of leaves that may hold an equilibrium."""
 
-    `tables` are those of both legs, with the same cells. The pairs are put into `pairs` (m, 2); if there are more than
-    fit, only one more than fit is counted.
+    parts: Array  # (2, nodes, 4, 5): what each leg adds to the equations over each node
+    stack: Integers  # (m, 3): pairs of nodes, by their numbers in their levels, and the depth
+    pairs: Integers  # (n, 2): those found
+    counts: Integers  # (2,): how many are on the stack, and how many have been found
+
+
+def make_open_pairs(cells: UnitCells, most: int) -> OpenPairs:
+    """Return room for so many pairs, with the roots on the stack."""
+    stack = np.zeros((16 * (cells.levels + 2), 3), dtype=np.int64)
+    stack[:4, :2] = (0, 0), (1, 0), (0, 1), (1, 1)
+    parts = np.empty((2, len(cells.boxes), ROWS, 5))
+    return OpenPairs(parts, stack, np.empty((most, 2), dtype=np.int64), np.array([4, 0]))
+
+
+@kernel
+def set_parts(cells: UnitCells, frames: Frames, leg: int, search: OpenPairs) -> None:
+    """Fill in what a leg adds to the equations over each node."""
+    for node in range(cells.boxes.shape[0]):
+        set_contribution(frames, leg, cells.models[node], search.parts[leg, node])
+
+
+@kernel
+def find_open_pairs(cells: UnitCells, proved: Proved, search: OpenPairs) -> bool:
+    """Find pairs of leaves that may hold an equilibrium outside the proved boxes; return whether more are to come.
+
+    A call does a slice of the work, and less where there is no more room.
     """
-    cells = tables[0]
-    nodes, levels = cells.boxes.shape[0], cells.levels
-    parts = np.empty((2, nodes, ROWS, 5))
-    for leg in range(2):
-        for node in range(nodes):
-            set_contribution(frames, leg, tables[leg].models[node], parts[leg, node])
+    parts, stack, pairs, levels = search.parts, search.stack, search.pairs, cells.levels
     work = make_krawczyk()
-    stack = np.empty((16 * (levels + 2), 3), dtype=np.int64)
-    top = 0
-    for start in range(4):
-        stack[top, 0], stack[top, 1], stack[top, 2] = start & 1, start >> 1, 0
-        top += 1
-    count = 0
-    while top > 0:
+    top, count = search.counts[0], search.counts[1]
+    for _ in range(_PAIRS_AT_ONCE):
+        if top == 0 or count == pairs.shape[0]:
+            break
         top -= 1
         first, second, depth = stack[top, 0], stack[top, 1], stack[top, 2]
         level_1, level_2 = (depth + 1) // 2, depth // 2
@@ -179,8 +176,6 @@ def find_open_pairs(tables: tuple[UnitCells, UnitCells], frames: Frames, proved:
             if not _narrow(parts[0, node_1], parts[1, node_2], work):
                 continue
         if level_2 == levels:
-            if count == pairs.shape[0]:
-                return count + 1
             pairs[count, 0], pairs[count, 1] = node_1, node_2
             count += 1
             continue
@@ -189,29 +184,49 @@ def find_open_pairs(tables: tuple[UnitCells, UnitCells], frames: Frames, proved:
             stack[top, depth % 2] = 4 * stack[top, depth % 2] + child
             stack[top, 2] = depth + 1
             top += 1
-    return count
+    search.counts[0], search.counts[1] = top, count
+    return bool(top > 0)
+
+
+class Resolution(NamedTuple):
+    """The examination of pairs of leaves."""
+
+    pairs: Integers  # (n, 2)
+    stack: Array  # (depth, 2, 4): parts of the present pair that are open
+    counts: Integers  # (2,): the number of the next pair, and how many parts of the present one are open
+
+
+def make_resolution(pairs: Integers) -> Resolution:
+    """Return the examination of these pairs, at its beginning."""
+    return Resolution(pairs, np.empty((_DEPTH, 2, 4)), np.zeros(2, dtype=np.int64))
 
 
 @kernel
-def resolve(cells: UnitCells, frames: Frames, pairs: Integers, most: int, proved: Proved, undecided: Undecided) -> bool:
-    """Examine pairs of leaves until all parts are excluded, proved, or too small; False where a limit was met first.
+def resolve(
+    cells: UnitCells, frames: Frames, search: Resolution, most: int, proved: Proved, undecided: Undecided
+) -> int:
+    """Examine pairs of leaves until all parts are excluded, proved, or too small; return how that stands.
 
-    What was not examined then is put into `undecided` as one pair that holds it all.
+    A call does a slice of the work. Where a limit is met first, what was not examined is put into `undecided` as one
+    pair that holds it all.
     """
-    work = make_krawczyk()
-    stack = np.empty((_DEPTH, 2, 4))
-    for n in range(pairs.shape[0]):
-        for leg in range(2):
-            stack[0, leg] = cells.boxes[pairs[n, leg]]
-        top = 1
-        while top > 0:
-            is_full = undecided.total[0] + 1 >= undecided.cells.shape[0]
-            if undecided.examined[0] >= most or is_full or top + 2 > _DEPTH:
-                _give_up(cells, pairs[n + 1 :], stack[:top], undecided)
-                return False
-            undecided.examined[0] += 1
-            top += _examine(frames, stack, top - 1, proved, undecided, work)
-    return True
+    work, stack, pairs = make_krawczyk(), search.stack, search.pairs
+    n, top = search.counts[0], search.counts[1]
+    for _ in range(_PARTS_AT_ONCE):
+        if top == 0:
+            if n == pairs.shape[0]:
+                return RESOLVED
+            for leg in range(2):
+                stack[0, leg] = cells.boxes[pairs[n, leg]]
+            n, top = n + 1, 1
+        is_full = undecided.total[0] + 1 >= undecided.cells.shape[0]
+        if undecided.examined[0] >= most or is_full or top + 2 > _DEPTH:
+            _give_up(cells, pairs[n:], stack[:top], undecided)
+            return GIVEN_UP
+        undecided.examined[0] += 1
+        top += _examine(frames, stack, top - 1, proved, undecided, work)
+    search.counts[0], search.counts[1] = n, top
+    return GOES_ON
 
 
 @kernel
@@ -312,126 +327,3 @@ def _look_for_equilibrium(frames: Frames, pair: Array, proved: Proved, work: Kra
         z[2 * leg], z[2 * leg + 1] = max(pair[leg, RHO], 0.0), pair[leg, B]
     if correct(frames, z, work):
         prove(frames, z, proved, work)
-
-
-@kernel
-def bound_state_errors(frames: Frames, proved: Proved, numbers: Integers, states: Array, errors: Array) -> None:
-    """Bound how far states (m, 6) are from the equilibria in the boxes with these numbers, at given inputs.
-
-    In `errors` (m,): the largest difference of a component, relative to 1 + its size.
-    """
-    work = make_krawczyk()
-    for m in range(numbers.shape[0]):
-        errors[m] = _bound_load_errors(proved, numbers[m], states[m], work.box)
-        _enclose_loads(proved, numbers[m], 0, work.box)
-        set_unit_models(work.box, PLACED, work.models)
-        set_contribution(frames, 0, work.models, work.parts[0])
-        for d in range(2):  # the tip of the first leg
-            tip = work.parts[0, 2 + d]
-            errors[m] = max(errors[m], _relative_error(states[m, 4 + d], tip[CENTER], tip[SPREAD]))
-
-
-@kernel
-def bound_inverse_errors(
-    legs: Array, pose: Array, proved: Proved, numbers: Integers, states: Array, inputs: Array, errors: Array
-) -> None:
-    """Do what `bound_state_errors` does for states and inputs (m, 2) at a given pose; angles up to full turns."""
-    work = make_krawczyk()
-    for m in range(numbers.shape[0]):
-        errors[m] = _bound_load_errors(proved, numbers[m], states[m], work.box)
-        for d in range(2):
-            errors[m] = max(errors[m], _relative_error(states[m, 4 + d], pose[d], 0.0))
-        for leg in range(2):
-            _enclose_loads(proved, numbers[m], leg, work.box)
-            set_unit_models(work.box, PLACED, work.models)
-            x, x_reach = _center_and_spread(work.models[2])
-            y, y_reach = _center_and_spread(work.models[3])
-            own, reach, value = reaching_input(legs, leg, pose[0], pose[1], x, y), x_reach + y_reach, inputs[m, leg]
-            if legs[leg, TURN] != 0.0:
-                size = math.hypot(x, y)
-                reach = math.asin(reach / size) if reach < size else math.inf
-                value -= 2.0 * math.pi * math.floor((value - own) / (2.0 * math.pi) + 0.5)
-            else:
-                reach *= legs[leg, LENGTH]
-            data = abs(legs[leg, CLAMP_ANGLE]) + abs(legs[leg, BASE_X]) + abs(legs[leg, BASE_Y]) + legs[leg, LENGTH]
-            reach += 10.0 * SLACK * (1.0 + data + abs(pose[0]) + abs(pose[1]) + abs(value))
-            errors[m] = max(errors[m], _relative_error(value, own, reach))
-
-
-@kernel
-def _center_and_spread(model: Array) -> tuple[float, float]:
-    return model[CENTER], abs(model[ALONG]) + abs(model[ACROSS]) + model[REMAINDER]
-
-
-@kernel
-def _relative_error(value: float, own: float, reach: float) -> float:
-    """Bound how far a value is from one that is within `reach` of `own`, relative to 1 + its size; inf for nan."""
-    error = (abs(value - own) + reach) / (1.0 + abs(value)) * (1.0 + SLACK)
-    return error if error >= 0.0 else math.inf
-
-
-@kernel
-def _bound_load_errors(proved: Proved, n: int, state: Array, box: Array) -> float:
-    """Bound how far the loads of a state are from those of a proved equilibrium, relative to 1 + their size."""
-    largest = 0.0
-    for leg in range(2):
-        _enclose_loads(proved, n, leg, box)
-        load = box[RHO] * box[RHO]
-        reach = (2.0 * box[RHO] + box[RHO_HALF]) * box[RHO_HALF]
-        reach = (reach + (load + reach) * box[B_HALF]) * (1.0 + SLACK) + SLACK * load
-        largest = max(largest, _relative_error(state[2 * leg], load * math.cos(box[B]), reach))
-        largest = max(largest, _relative_error(state[2 * leg + 1], -load * math.sin(box[B]), reach))
-    return largest
-
-
-@kernel
-def _enclose_loads(proved: Proved, n: int, leg: int, box: Array) -> None:
-    """Fill in a box of polar loads in which a rod's load is at a proved equilibrium."""
-    first, second = 2 * leg, 2 * leg + 1
-    center, error = proved.center[n], proved.error[n]
-    box[RHO], box[RHO_HALF], box[B], box[B_HALF] = center[first], error[first], center[second], error[second]
-    if proved.charts[n, leg] == POLAR:
-        return
-    load, reach = math.hypot(center[first], center[second]), math.hypot(error[first], error[second])
-    rho = math.sqrt(load)
-    box[RHO], box[B] = rho, math.atan2(-center[second], center[first])
-    box[RHO_HALF] = max(math.sqrt(load + reach) - rho, rho - math.sqrt(max(load - reach, 0.0))) + SLACK * (1.0 + rho)
-    box[B_HALF] = math.pi if reach >= load else math.asin(reach / load) + SLACK
-
-
-@kernel
-def set_state(legs: Array, inputs: Array, load: Array, z: Array, x: Array) -> bool:
-    """Put the equilibrium near the polar loads z into the state x (6,); return whether Newton's method converged."""
-    work = make_workspace(2, 6)
-    _set_loads(z, x)
-    set_inputs(legs, inputs, work)
-    x[4:] = 0.0
-    evaluate_rods(legs, x, work)
-    for d in range(2):  # between the tips of the two rods
-        x[4 + d] = 0.5 * (work.clamps[0, d] + work.rods[0, TIP_X + d] + work.clamps[1, d] + work.rods[1, TIP_X + d])
-    return solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED
-
-
-@kernel
-def set_inverse_state(legs: Array, pose: Array, load: Array, z: Array, x: Array, inputs: Array) -> bool:
-    """Put the equilibrium at a pose near the polar loads z into the state x (6,) and the inputs (2,); as `set_state`.
-
-    Angles are brought into (-pi, pi].
-    """
-    _set_loads(z, x)
-    x[4:] = pose
-    for leg in range(2):
-        point = rod(x[2 * leg], x[2 * leg + 1])
-        inputs[leg] = reaching_input(legs, leg, pose[0], pose[1], point.tip_x, point.tip_y)
-    is_found = solve_inverse_locally(legs, inputs, load, x, POLISH_RULES, make_workspace(2, 6)) == CONVERGED
-    for leg in range(2):
-        if legs[leg, TURN] != 0.0:
-            inputs[leg] += 2.0 * math.pi * math.floor(0.5 - inputs[leg] / (2.0 * math.pi))
-    return is_found
-
-
-@kernel
-def _set_loads(z: Array, x: Array) -> None:
-    for leg in range(2):
-        rho, b = z[2 * leg], z[2 * leg + 1]
-        x[2 * leg], x[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)

@@ -12,6 +12,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.enumeration.cells import cell_of_leaf, grid_angle, node_offset
 from pcm_gym.kernels.numerics.compilation import kernel
+from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.proofs.rod_enclosure import enclose_rod_at, enclose_turnable
 from pcm_gym.kernels.proofs.taylor_models import Model, affine, along_s, along_t
 from pcm_gym.kernels.statics.closure import AXIS_X, AXIS_Y, BASE_X, BASE_Y, CLAMP_ANGLE, LENGTH, STIFFNESS, TURN
@@ -30,6 +31,8 @@ BAND_LEVEL = 4
 # Covers the rounding errors of what is computed from a model outside of the Taylor arithmetic, and those of the
 # mechanism's data, relative to the absolute values that go into it.
 SLACK = 1e-14
+# Leaves whose models are computed in one call of compiled code.
+_LEAVES_AT_ONCE = 1 << 13
 
 
 class UnitCells(NamedTuple):
@@ -79,26 +82,34 @@ def make_unit_cells(levels: int, rho_max: float, kind: int) -> UnitCells:
     """Return the unit rod's models, those of one kind, for rho in [0, rho_max] and every b."""
     nodes = node_offset(levels + 1)
     cells = UnitCells(levels, rho_max, kind, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
-    _fill_unit_cells(cells)
+    grid = np.empty((2**BAND_LEVEL, 2**levels + 1))
+    _fill_grid(rho_max, grid)
+    for first, last in slices(2 * 4**levels, _LEAVES_AT_ONCE):
+        _fill_leaves(cells, grid, first, last)
+    for level in range(levels - 1, -1, -1):
+        _fill_level(cells, level)
     return cells
 
 
 @kernel
-def _fill_unit_cells(cells: UnitCells) -> None:
-    """Fill in the boxes and models of all nodes.
+def _fill_grid(rho_max: float, grid: Array) -> None:
+    """Fill in the division of b in each band of rho, (bands, 2^levels + 1): graded for the band's middle.
 
-    The division of b is graded for the middle of each band of rho, so that cells are boxes; a node above the bands
-    holds cells that are not aligned, and has only bounds.
+    So cells are boxes; a node above the bands holds cells that are not aligned, and has only bounds.
     """
-    levels, rho_max = cells.levels, cells.rho_max
-    count, bands = 2**levels, 2**BAND_LEVEL
-    grid = np.empty((bands, count + 1))
+    bands, count = grid.shape[0], grid.shape[1] - 1
     for band in range(bands):
         for j in range(count + 1):
             grid[band, j] = grid_angle(rho_max * (band + 0.5) / bands, j / count)
         grid[band, 0], grid[band, count] = 0.0, 3.1415926535897936  # the next number above pi
-    start = node_offset(levels)
-    for leaf in range(2 * 4**levels):
+
+
+@kernel
+def _fill_leaves(cells: UnitCells, grid: Array, first: int, last: int) -> None:
+    """Fill in the boxes and models of the leaves from `first` to `last`."""
+    levels, rho_max = cells.levels, cells.rho_max
+    count, bands, start = 2**levels, 2**BAND_LEVEL, node_offset(levels)
+    for leaf in range(first, last):
         side, i, j = cell_of_leaf(leaf, levels)
         box, band = cells.boxes[start + leaf], i * bands // count
         _set_interval(rho_max * (i / count), rho_max * ((i + 1) / count), box[RHO : RHO + 2])
@@ -106,9 +117,13 @@ def _fill_unit_cells(cells: UnitCells) -> None:
         if side == 1:
             box[B] = -box[B]
         set_unit_models(box, cells.kind, cells.models[start + leaf])
-    for level in range(levels - 1, -1, -1):
-        for node in range(2 * 4**level):
-            _set_node(cells, node_offset(level) + node, node_offset(level + 1) + 4 * node, level >= BAND_LEVEL)
+
+
+@kernel
+def _fill_level(cells: UnitCells, level: int) -> None:
+    """Fill in the boxes and models of a level's nodes from those below."""
+    for node in range(2 * 4**level):
+        _set_node(cells, node_offset(level) + node, node_offset(level + 1) + 4 * node, level >= BAND_LEVEL)
 
 
 @kernel

@@ -68,7 +68,7 @@ def _advance_snapping(legs: Array, point: Point, target: Array, line: Tracer, wo
         first_event = tracked.event if first_event == NONE else first_event
         if not is_instability(tracked.event):
             return judge(legs, point.x, point.load, first_event, 1.0, work)
-        status = snap(legs, point)[0]
+        status = snap(legs, point, np.empty(0))[0]
         if status == STAYED and tracked.event == INDEX_CHANGE:
             status = _snap_beyond(legs, point, target, line, work)
             if status == STAYED:
@@ -110,7 +110,7 @@ def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: W
         tracked = track(legs, beyond, goal, point.load, True, line, work)
         if tracked.morse_index == 0 and (part < 1.0 or tracked.event != NONE):
             continue
-        status = snap(legs, beyond)[0] if tracked.morse_index > 0 else LANDED
+        status = snap(legs, beyond, np.empty(0))[0] if tracked.morse_index > 0 else LANDED
         if status == LANDED:
             point.x[:], point.inputs[:] = beyond.x, beyond.inputs
         if status != STAYED:

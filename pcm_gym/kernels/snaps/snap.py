@@ -8,16 +8,17 @@ from pcm_gym.kernels.statics.closure import make_workspace
 from pcm_gym.kernels.statics.states import Point
 
 _RULES = RelaxationRules()
+MOST_ENERGIES = _RULES.steps + 1
 # The second grid is tried where the first does not lead to a landing.
 _GRID, _FINE_GRID = make_grid(20), make_grid(40)
 
 
 @kernel
-def snap(legs: Array, point: Point) -> tuple[int, float, Array]:
-    """Let the mechanism snap as `relax` does; return status, energy released and the energies (steps + 1,).
+def snap(legs: Array, point: Point, energies: Array) -> tuple[int, float, int]:
+    """Let the mechanism snap as `relax` does; return status, energy released and the number of steps.
 
-    Those are the energies at the start and after each step. Takes the memory for the motion each time: a snap takes a
-    thousand times as long as that.
+    Fills `energies` (m,), up to `MOST_ENERGIES`, with those at the start and after each step, as far as there is room.
+    Takes the memory for the motion each time: a snap takes a thousand times as long as that.
     """
     leg_count, size = legs.shape[0], point.x.shape[0]
     work = make_workspace(leg_count, size)
@@ -26,4 +27,6 @@ def snap(legs: Array, point: Point) -> tuple[int, float, Array]:
     if status != LANDED:
         moving = make_moving_rods(_FINE_GRID, leg_count, size, _RULES.steps)
         status, steps, released = relax(legs, point, _RULES, moving, work)
-    return status, released, moving.energies[: steps + 1]
+    for n in range(min(steps + 1, energies.shape[0])):
+        energies[n] = moving.energies[n]
+    return status, released, steps

@@ -24,6 +24,7 @@ from pcm_gym.kernels.statics.closure import (
 from pcm_gym.kernels.statics.formulas import scaled, turned
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.stability import assess_stability
+from pcm_gym.kernels.statics.states import Point
 
 # Entries of the scalars and columns of the rods that `describe_equilibrium` returns.
 ENERGY, RESIDUAL, STABILITY_MARGIN, SINGULARITY_MARGIN = range(4)
@@ -56,7 +57,6 @@ def set_forward_jacobian(legs: Array, x: Array, work: Workspace, jacobian: Array
     return regular and bool(np.isfinite(jacobian).all())
 
 
-@kernel
 def describe_equilibrium(
     legs: Array, x: Array, inputs: Array, load: Array
 ) -> tuple[Array, Array, Array, Array, int, bool]:
@@ -75,26 +75,34 @@ def describe_equilibrium(
     is_regular : bool
         Whether the Jacobian exists.
     """
-    size, leg_count = x.shape[0], legs.shape[0]
-    dof = size - 2 * leg_count
-    work = make_workspace(leg_count, size)
+    leg_count, dof = len(legs), len(load)
+    scalars, rods = np.empty(_SCALAR_COUNT), np.empty((leg_count, _ROD_COLUMNS))
+    stiffness, jacobian = np.empty((dof, dof)), np.empty((dof, leg_count))
+    index, is_regular = _describe(legs, Point(x, inputs, load), scalars, rods, stiffness, jacobian)
+    return scalars, rods, stiffness, jacobian, index, is_regular
+
+
+@kernel
+def _describe(
+    legs: Array, point: Point, scalars: Array, rods: Array, stiffness: Array, jacobian: Array
+) -> tuple[int, bool]:
+    (x, inputs, load), leg_count = point, legs.shape[0]
+    work = make_workspace(leg_count, x.shape[0])
     place(legs, x, inputs, work)
     closure_error, force_error = set_residual(legs, x, load, work)
-    rods = np.zeros((leg_count, _ROD_COLUMNS))
     for i in range(leg_count):
         rods[i, MODULUS], rods[i, PSI], rods[i, MODE], rods[i, RHO] = rod_parameters(x[2 * i], x[2 * i + 1])
         rods[i, TIP_FORCE_X], rods[i, TIP_FORCE_Y] = work.rods[i, FORCE_X], work.rods[i, FORCE_Y]
-    jacobian = np.zeros((dof, leg_count))
     regular = set_forward_jacobian(legs, x, work, jacobian)
     verdict = assess_stability(legs, x, work)
-    scalars = np.empty(_SCALAR_COUNT)
     scalars[ENERGY] = total_energy(legs, x, load)
     scalars[RESIDUAL] = max(closure_error, force_error)
     scalars[STABILITY_MARGIN] = verdict.stability_margin
     scalars[SINGULARITY_MARGIN] = singularity_margin(legs, x, work)
     k = verdict.stiffness
     full = np.array([[k.xx, k.xy, k.xz], [k.xy, k.yy, k.yz], [k.xz, k.yz, k.zz]])
-    return scalars, rods, full[:dof, :dof].copy(), jacobian, verdict.morse_index, regular
+    stiffness[:] = full[: load.shape[0], : load.shape[0]]
+    return verdict.morse_index, regular
 
 
 @kernel

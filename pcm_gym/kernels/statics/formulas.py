@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 from pcm_gym.kernels.numerics.compilation import formula
-from pcm_gym.kernels.numerics.linear import Symmetric, Vector, adjugate_times
+from pcm_gym.kernels.numerics.linear import Symmetric, Vector, adjugate_times, principal_minors
 from pcm_gym.kernels.rods.rod import RodPoint
 
 Pair = tuple[float, float]
@@ -171,6 +171,14 @@ def step_from_tip(tip_g: Derivatives, tip: Pair) -> Pair:
 
 
 @formula
+def inverse_of(tip_g: Derivatives) -> Derivatives:
+    """Return the derivatives of g by the tip: of g_x by x and y, of g_y by x and y."""
+    p_xx, p_xy, p_yx, p_yy = tip_g
+    inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
+    return p_yy * inverse, -p_xy * inverse, -p_yx * inverse, p_xx * inverse
+
+
+@formula
 def pull_of(own: LegStiffness, tip: Pair) -> Pair:
     """Return A times a move of the tip."""
     return own[0] * tip[0] + own[1] * tip[1], own[1] * tip[0] + own[2] * tip[1]
@@ -233,9 +241,8 @@ def negative_eigenvalues(a: Symmetric) -> float:
     All its roots are real: as many are negative as these signs change (Descartes).
     """
     trace = a.xx + a.yy + a.zz
-    minors = a.xx * a.yy - a.xy * a.xy + a.xx * a.zz - a.xz * a.xz + a.yy * a.zz - a.yz * a.yz
     _, determinant = adjugate_times(a, 0.0, 0.0, 0.0)
-    first, second, third = trace < 0.0, minors < 0.0, determinant < 0.0
+    first, second, third = trace < 0.0, principal_minors(a) < 0.0, determinant < 0.0
     changes = 1.0 if first else 0.0
     changes += 1.0 if first != second else 0.0
     changes += 1.0 if second != third else 0.0

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import LANES, Block, LegLanes
 from pcm_gym.kernels.lockstep.layout import pair as pair_in
 from pcm_gym.kernels.numerics.compilation import formula, kernel
@@ -86,9 +85,8 @@ def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Arr
 
 
 @kernel
-def see_block(legs: Array, block: Block, count: int, computed: int, dof: int, out: Array) -> None:
-    """Fill the margins of lanes that are evaluated and judged, and `out` (m, lanes) as `set_features` does."""
-    set_margins(legs, block, computed, dof)
+def see_block(legs: Array, block: Block, count: int, dof: int, out: Array) -> None:
+    """Fill `out` (m, lanes) as `set_features` does."""
     common, columns = block.common[0], columns_of(legs, dof)
     out[0], out[1] = common.pose[0], common.pose[1]
     if dof == 3:

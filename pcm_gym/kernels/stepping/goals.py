@@ -28,6 +28,13 @@ class Scale(NamedTuple):
     is_sparse: bool  # which reward
 
 
+class _Aims(NamedTuple):
+    """What becomes of the goals of some rows."""
+
+    desired: Array  # (m, g): the present ones
+    rewards: Array  # (m,)
+
+
 @formula
 def _reward(distance: float, scale: Scale) -> float:
     """Return the reward at a distance: 1 or 0, or the mean of a far and a near term, each 1 at the goal."""
@@ -45,18 +52,20 @@ def _distance(achieved: Array, desired: Array, row: int, weights: Array) -> floa
     return math.sqrt(squared)
 
 
-@kernel
 def score_goals(achieved: Array, desired: Array, scale: Scale) -> tuple[Array, Array]:
     """Return the rewards (n,) of achieved for desired goals (n, g), and their distances (n,)."""
-    count = achieved.shape[0]
-    rewards, distances = np.empty(count), np.empty(count)
-    for row in range(count):
-        distances[row] = _distance(achieved, desired, row, scale.weights)
-        rewards[row] = _reward(distances[row], scale)
+    rewards, distances = np.empty(len(achieved)), np.empty(len(achieved))
+    _set_scores(achieved, desired, scale, rewards, distances)
     return rewards, distances
 
 
 @kernel
+def _set_scores(achieved: Array, desired: Array, scale: Scale, rewards: Array, distances: Array) -> None:
+    for row in range(achieved.shape[0]):
+        distances[row] = _distance(achieved, desired, row, scale.weights)
+        rewards[row] = _reward(distances[row], scale)
+
+
 def update_goals(
     achieved: Array, rows: Integers, has_stepped: Mask, is_stable: Mask, progress: GoalProgress, scale: Scale
 ) -> tuple[Array, Array]:
@@ -65,24 +74,43 @@ def update_goals(
     There is one entry for each row. In those that have stepped time goes on, and what is held is counted anew; a state
     that is not stable holds nothing.
     """
-    desired = next_goals(rows, has_stepped, progress)
-    rewards, distances = score_goals(achieved, desired, scale)
-    count_held(rows, has_stepped, (distances <= scale.tolerance) & is_stable, progress)
-    return desired, rewards
+    aims = _Aims(np.empty((len(rows), progress.goals.shape[2])), np.empty(len(rows)))
+    _update(achieved, rows, has_stepped, is_stable, progress, scale, aims)
+    return aims.desired, aims.rewards
 
 
 @kernel
+def _update(
+    achieved: Array,
+    rows: Integers,
+    has_stepped: Mask,
+    is_stable: Mask,
+    progress: GoalProgress,
+    scale: Scale,
+    aims: _Aims,
+) -> None:
+    distances = np.empty(rows.shape[0])
+    _set_next_goals(rows, has_stepped, progress, aims.desired)
+    _set_scores(achieved, aims.desired, scale, aims.rewards, distances)
+    count_held(rows, has_stepped, (distances <= scale.tolerance) & is_stable, progress)
+
+
 def next_goals(rows: Integers, has_stepped: Mask, progress: GoalProgress) -> Array:
     """Let time go on in the rows that have stepped; return the present goals (m, g) of all."""
+    desired = np.empty((len(rows), progress.goals.shape[2]))
+    _set_next_goals(rows, has_stepped, progress, desired)
+    return desired
+
+
+@kernel
+def _set_next_goals(rows: Integers, has_stepped: Mask, progress: GoalProgress, desired: Array) -> None:
     period = progress.goals.shape[1]
-    desired = np.empty((rows.shape[0], progress.goals.shape[2]))
     for k in range(rows.shape[0]):
         row = rows[k]
         progress.elapsed[row] += has_stepped[k]
         phase = progress.elapsed[row] % period if period > 1 else 0
         for j in range(desired.shape[1]):
             desired[k, j] = progress.goals[row, phase, j]
-    return desired
 
 
 @kernel
@@ -101,11 +129,14 @@ def set_pose_seen(pose: Array, out: Array) -> None:
         out[2], out[3] = math.cos(pose[2]), math.sin(pose[2])
 
 
-@kernel
 def poses_seen(x: Array, leg_count: int) -> Array:
     """Return the poses of states (n, 2 legs + d) as agents see them, (n, 2 or 4)."""
-    pose = 2 * leg_count
-    seen = np.empty((x.shape[0], 4 if x.shape[1] - pose == 3 else 2))
+    seen = np.empty((len(x), 4 if x.shape[1] - 2 * leg_count == 3 else 2))
+    _set_poses_seen(x, 2 * leg_count, seen)
+    return seen
+
+
+@kernel
+def _set_poses_seen(x: Array, pose: int, seen: Array) -> None:
     for row in range(x.shape[0]):
         set_pose_seen(x[row, pose:], seen[row])
-    return seen

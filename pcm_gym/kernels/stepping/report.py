@@ -18,7 +18,6 @@ class Costs(TypedDict):
 
     cost_unstable: float  # stability was lost on the way, or the state is unstable
     cost_singular: float  # the singularity margin is below that of the rules
-    cost_limit: float  # an increment was cut at an actuator's limit
     cost_solver: float  # the solver failed
 
 
@@ -30,6 +29,7 @@ class Verdict(Costs):
     singularity_margin: float
     residual: float
     event: int  # why the step ended, see `continuation`
+    at_limit: bool  # whether an increment was cut at an actuator's limit
     fraction: float  # of the way that was gone
     is_lost: bool  # whether a loss of stability ends the episode
     is_stable: bool  # whether the state is stable, and is not left by a loss of stability
@@ -109,13 +109,13 @@ def report_row(
     is_stable = not (is_unstable | is_lost)
     verdict["cost_unstable"] = 1.0 if is_unstable or is_instability(tracked.event) else 0.0
     verdict["cost_singular"] = 1.0 if margin < rules.singular_margin else 0.0
-    verdict["cost_limit"] = 1.0 if is_cut else 0.0
     verdict["cost_solver"] = 1.0 if tracked.event == SOLVER_FAILURE else 0.0
     verdict["index"] = tracked.morse_index
     verdict["stability_margin"] = tracked.stability_margin
     verdict["singularity_margin"] = margin
     verdict["residual"] = tracked.residual
     verdict["event"] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
+    verdict["at_limit"] = is_cut
     verdict["fraction"] = tracked.fraction
     verdict["is_lost"] = is_lost
     verdict["is_stable"] = is_stable

@@ -19,9 +19,10 @@ from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, make_seen,
 # look for steps that arrive, and ask about many that do not; tracking each of these to its fold takes fifty times as
 # long. What arrives does so to the same bits.
 GIVE_UP = -1
+# With so many rows that lock-step has refused, each of which may snap, a call does no more than these.
+_REFUSED_AT_ONCE = 128
 
 
-@kernel
 def step_batch(
     legs: Array,
     states: States,
@@ -36,17 +37,33 @@ def step_batch(
     A solver failure leaves the state as it was. Fills `report` in these rows. What becomes of a row does not depend on
     which others are stepped with it.
     """
+    done = 0
+    while done < len(rows):
+        done += _step_some(legs, states, rows[done:], moves, rules, report)
+
+
+@kernel
+def _step_some(
+    legs: Array,
+    states: States,
+    rows: Integers,
+    moves: Moves,
+    rules: StepRules,
+    report: Report,
+) -> int:
+    """Do what `step_batch` does in the first rows; return in how many: all, unless many of them take long."""
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
     is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
+    done = 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
             row = rows[first + lane]
             is_cut[lane] = _set_target(legs, states.inputs, actions, row, stride, target)
             load_lane(states, row, target, block, lane)
-        computed = step_block(legs, block, count, states.load.shape[1])
-        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        step_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
             row = rows[first + lane]
             if common.is_sound[lane] == 0.0:
@@ -55,8 +72,12 @@ def step_batch(
                 continue
             store_lane(states, row, block, lane)
             report_lane(row, common, lane, seen, is_cut[lane], rules, report)
+        done = first + count
+        if refused_count >= _REFUSED_AT_ONCE:
+            break
     if refused_count > 0:
         _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
+    return int(done)
 
 
 @kernel
@@ -181,8 +202,8 @@ def _report_arrived(
         for lane in range(count):
             row = rows[first + lane]
             load_lane(states, row, states.inputs[row], block, lane)
-        computed = rest_block(legs, block, count, states.load.shape[1])
-        see_block(legs, block, count, computed, states.load.shape[1], seen)
+        rest_block(legs, block, count, states.load.shape[1])
+        see_block(legs, block, count, states.load.shape[1], seen)
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
             if common.is_sound[lane] == 0.0:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from pcm_gym.mechanism.catalogue import three_pfr, two_pfr, two_rfr
 from pcm_gym.mechanism.mechanism import Mechanism
+from pcm_gym.mechanism.validation import instance_of, one_of
 
 _MAKERS: dict[str, Callable[[], Mechanism]] = {
     "2RFR": two_rfr.make,
@@ -25,9 +26,7 @@ def get_mechanism(name: str) -> Mechanism:
     ValueError
         If the name is not in the catalogue; the message lists those that are.
     """
-    if name not in _MAKERS:
-        raise ValueError(f"name must be one of {mechanism_names()}, got {name!r}")
-    return _MAKERS[name]()
+    return _MAKERS[one_of("name", name, mechanism_names())]()
 
 
 def register_mechanism(mechanism: Mechanism) -> str:
@@ -38,10 +37,14 @@ def register_mechanism(mechanism: Mechanism) -> str:
     TypeError, ValueError
         If it is no mechanism, or if another one has its name.
     """
-    if not isinstance(mechanism, Mechanism):
-        raise TypeError(f"mechanism must be a Mechanism, got {mechanism!r}")
-    name = mechanism.name
+    name = free_name(mechanism)
+    _MAKERS.setdefault(name, lambda: mechanism)
+    return name
+
+
+def free_name(mechanism: Mechanism) -> str:
+    """Return the name of a mechanism; raise if it is no mechanism, or if another one in the catalogue has its name."""
+    name = instance_of("mechanism", mechanism, Mechanism).name
     if name in _MAKERS and get_mechanism(name) != mechanism:
         raise ValueError(f"name must be a new one, got {name!r}: another mechanism has it")
-    _MAKERS.setdefault(name, lambda: mechanism)
     return name

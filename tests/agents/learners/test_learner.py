@@ -106,7 +106,7 @@ def test_training_episodes_end_by_time_as_truncations() -> None:
     for index in np.flatnonzero(dones):
         info = infos[index]
         assert info["TimeLimit.truncated"]
-        assert info["cost"] == info["cost_unstable"] + info["cost_singular"] + info["cost_limit"] + info["cost_solver"]
+        assert info["cost"] == info["cost_unstable"] + info["cost_singular"] + info["cost_solver"]
         assert info["terminal_observation"].keys() == env.observation_space.keys()
         assert info["episode"]["l"] > 1
 

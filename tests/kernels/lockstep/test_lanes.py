@@ -19,7 +19,7 @@ from pcm_gym.kernels.rods.rod import RodPoint, rod, rod_in_lanes
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.report import Costs, Moves, Report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_alone, step_batch
-from pcm_gym.solving.tracking import EVENTS
+from pcm_gym.solving import Event
 from tests.environments.rollouts import digest
 
 NAMES = pcm_gym.mechanism_names()
@@ -96,7 +96,7 @@ def test_formulas_are_the_same_without_compilation() -> None:
 
 def simulation_of(name: str, rows: int, *, is_loaded: bool, thread_count: int = 1) -> Simulation:
     load = LOADS[name] if is_loaded else None
-    settings = Settings.from_arguments(name, load=load)
+    settings = Settings.from_arguments(name, {"load": load})
     simulation = Simulation(settings, rows, thread_count)
     simulation.reset_rows(np.arange(rows), [np.random.default_rng(row) for row in range(rows)], None)
     return simulation
@@ -120,7 +120,7 @@ def test_states_at_rest_are_described_as_rows_that_stand_still_alone(name: str) 
     simulation = simulation_of(name, 200, is_loaded=True)
     settings, states = simulation.settings, simulation.rows.states
     legs, rows, still = settings.mechanism.leg_table, np.arange(201), np.zeros((201, settings.mechanism.leg_count))
-    home = Settings.from_arguments(name).scenes()[0]
+    home = Settings.from_arguments(name, {}).scenes()[0]
     states = States(*(np.append(a, b, axis=0) for a, b in zip(states, home.at_equilibrium(home.home, 1), strict=True)))
     found, expected = (Simulation(settings, 201)._empty_report() for _ in range(2))
     describe_batch(legs, states, rows, found)
@@ -146,7 +146,7 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
     mechanism = simulation.settings.mechanism
     legs, settings = mechanism.leg_table, simulation.settings
     held = generator.choice([-1.0, 1.0], (count, mechanism.leg_count))
-    events, same = np.zeros(len(EVENTS), dtype=int), 0
+    events, same = np.zeros(len(Event), dtype=int), 0
     for _ in range(30):
         actions = held if walk == "straight" else generator.uniform(-1.0, 1.0, held.shape)
         alone, expected, found = copied(simulation.rows.states), simulation._empty_report(), simulation._empty_report()
@@ -169,7 +169,7 @@ def test_batch_is_every_row_tracked_alone(name: str, walk: str, is_loaded: bool)
         np.testing.assert_allclose(features[:, :-1], expected_features[:, :-1], rtol=0.0, atol=1e-6)
         # the margin is a derivative of the stiffness, which multiplies rounding errors once more near a pole
         np.testing.assert_allclose(features[:, -1], expected_features[:, -1], rtol=0.0, atol=1e-4)
-        events += np.bincount(found.verdicts["event"], minlength=len(EVENTS))
+        events += np.bincount(found.verdicts["event"], minlength=len(Event))
     assert same < 0.5 * events[0], "most rows must go in lock-step, or nothing is compared"
     assert events[1:].sum() > 0
 

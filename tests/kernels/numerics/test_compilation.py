@@ -1,6 +1,7 @@
 """Compiling says what it does, once, and is done anew after every change of a kernel."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -32,6 +33,92 @@ def test_first_compilation_is_announced_on_standard_error_and_no_other(tmp_path:
     assert second[1] == ""
 
 
+def test_a_long_compilation_says_what_is_at_work_and_how_much_is_left(tmp_path: Path) -> None:
+    """It begins near nothing, never goes back, and names kernels that there are."""
+    code = "from pcm_gym.kernels.numerics import notice; notice._PAUSE = 0.0\n"
+    code += "from pcm_gym.kernels.rods import rod; rod.rod(1.0, 2.0)"
+    said = run(tmp_path, code=code)[1].splitlines()[1:]
+    found = [re.fullmatch(r"pcm_gym: compiling (\w+), (\d+) % done(, about \d+ s left)?", line) for line in said]
+    assert len(said) > 5
+    assert all(found)
+    shares = [int(match[2]) for match in found if match]
+    assert shares == sorted(shares)
+    assert shares[0] < 10 < 50 < shares[-1] < 100  # the last line is of when the last kernel begins
+    assert {"_rod_series", "_jacobi"} <= {match[1] for match in found if match}
+    assert not [match for match in found if match and int(match[2]) > 50 and match[3] is None]
+
+
+def test_machine_code_is_made_for_what_python_calls_alone(tmp_path: Path) -> None:
+    """What kernels call is kept as code for LLVM, and serves the next kernel that is built on it."""
+    first, second = "from pcm_gym.kernels.rods.rod import rod; rod(1.0, 2.0)", "; rod_shape(1.0, 2.0, np.zeros((2, 2)))"
+    run(tmp_path, code=first)
+    assert wholes(tmp_path) == {"rod"}
+    kept = parts(tmp_path)
+    assert {"_rod_series", "jacobi", "_jacobi"} <= kept
+    assert "tip_half_angle" not in kept  # a formula is within its callers
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+    run(tmp_path, code="import numpy as np; from pcm_gym.kernels.rods.rod import rod_shape" + second)
+    assert wholes(tmp_path) == {"rod", "rod_shape"}
+    assert {path: path.stat().st_mtime_ns for path in times} == times
+
+
+def kernels_kept(folder: Path) -> list[str]:
+    """Return the files of the kernels in a cache, by name and line, without their module and version of Python."""
+    return [path.name.partition(".")[2].rpartition(".py")[0] for path in folder.rglob("*.nbi")]
+
+
+def wholes(folder: Path) -> set[str]:
+    return {name.partition("-")[0] for name in kernels_kept(folder) if not name.endswith("-part")}
+
+
+def parts(folder: Path) -> set[str]:
+    return {name.partition("-")[0] for name in kernels_kept(folder) if name.endswith("-part")}
+
+
+def test_a_kernel_can_be_called_by_kernels_by_python_and_by_itself(tmp_path: Path) -> None:
+    """The values are those of the interpreter."""
+    code = (
+        "import numpy as np\n"
+        "from pcm_gym.kernels.numerics.compilation import formula, kernel\n"
+        "@formula\n"
+        "def half(x): return 0.5 * x\n"
+        "@kernel\n"
+        "def halved(x, times): return x if times == 0 else halved(half(x), times - 1)\n"
+        "@kernel\n"
+        "def total(values, times): return halved(values.sum(), times) + values[0]\n"
+        "print(halved(8.0, 2), total(np.array([6.0, 2.0]), 3), half(3.0), halved(1.0, 0))\n"
+    )
+    (tmp_path / "script.py").write_text(code)
+    for disabled in ("0", "1"):
+        command = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import script"
+        assert run(tmp_path / "cache", code=command, NUMBA_DISABLE_JIT=disabled)[0] == "2.0 7.0 1.5 1.0\n"
+
+
+def test_a_plain_numba_function_may_call_a_kernel_that_is_inside_other_machine_code(tmp_path: Path) -> None:
+    """The loader knows functions by name, and those inside are specialised: taken for each other they crash."""
+    code = (
+        "import numba, numpy as np, pcm_gym\n"
+        "from pcm_gym.kernels.lockstep.lanes import step_block\n"
+        "from pcm_gym.kernels.lockstep.layout import make_block\n"
+        "from pcm_gym.kernels.numerics.compilation import kernel\n"
+        "def step(legs, g, inputs):\n"
+        "    block = make_block(2)\n"
+        "    block.common[0].pose[:], block.common[0].load[:] = 0.0, 0.0\n"
+        "    for lane in range(16):\n"
+        "        for i in range(2):\n"
+        "            leg = block.legs[i]\n"
+        "            leg.g[0, lane], leg.g[1, lane] = g[2 * i], g[2 * i + 1]\n"
+        "            leg.input[lane], leg.target[lane] = inputs[i], inputs[i] + 0.01\n"
+        "    step_block(legs, block, 16, 2)\n"
+        "    return block.legs[0].g[0, 3]\n"
+        "given = pcm_gym.get_mechanism('2RFR').leg_table, np.array([1.0, 0.1, 1.0, 0.2]), np.array([1.0, 2.0])\n"
+        "print(kernel(step)(*given) == numba.njit(error_model='numpy')(step)(*given))\n"
+    )
+    (tmp_path / "script.py").write_text(code)
+    command = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import script"
+    assert run(tmp_path / "cache", code=command)[0] == "True\n"
+
+
 def test_nothing_is_announced_without_compilation(tmp_path: Path) -> None:
     assert run(tmp_path, NUMBA_DISABLE_JIT="1") == ("1.5707963267948966\n", "")
     assert run(tmp_path, code="import pcm_gym") == ("", "")
@@ -44,7 +131,7 @@ def test_change_of_a_called_kernel_is_never_missed(tmp_path: Path) -> None:
     for folder in (package.parent, package, package / "numerics", package / "room"):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "__init__.py").touch()
-    for name in ("cache", "compilation"):
+    for name in ("cache", "compilation", "libraries", "notice"):
         shutil.copy(ROOT / "pcm_gym" / "kernels" / "numerics" / f"{name}.py", package / "numerics")
     header = "from pcm_gym.kernels.numerics.compilation import kernel\n"
     caller = "from pcm_gym.kernels.room.below import below\n\n\n@kernel\ndef above(x):\n    return 10.0 * below(x)\n"
