@@ -17,6 +17,7 @@ import pcm_gym
 from benchmarks import report
 from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
+from benchmarks.certificates import print_tallies, try_paths
 from benchmarks.endurance import endure, read_cases, write_cases
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
@@ -267,6 +268,34 @@ def shield(
         json_path.write_text(json.dumps({"machine": machine, "shield": figures}, indent=2) + "\n")
         console.print(f"Figures written to {json_path}")
     if any(shielded.losses or shielded.failures or shielded.below for shielded, _ in found):
+        raise typer.Exit(1)
+
+
+@app.command()
+def certificates(
+    paths: Annotated[int, typer.Option(min=0, help="Random paths of each mechanism without an event.")] = 1000,
+    mutations: Annotated[int, typer.Option(min=0, help="Paths of each mechanism that are wrong on purpose.")] = 1000,
+    mechanisms: Annotated[list[str] | None, typer.Option("--mechanism", help="Only these; all by default.")] = None,
+    seed: Annotated[int, typer.Option()] = 0,
+    json_path: JsonPath = None,
+) -> None:
+    """Prove random paths of five steps of an agent, and time that; try to prove wrong ones. Some minutes.
+
+    The exit status is 1 if a wrong path is proved.
+    """
+    console, machine = _start()
+    tallies = []
+    with Progress(console=console, transient=True) as progress:
+        for name in mechanisms or MECHANISMS:
+            task = progress.add_task(name, total=paths + mutations)
+            tallies.append(try_paths(name, paths, mutations, seed, partial(progress.advance, task)))
+    print_tallies(console, tallies)
+    if json_path is not None:
+        json_path.write_text(
+            json.dumps({"machine": machine, "certificates": [tally.as_dict() for tally in tallies]}, indent=2) + "\n"
+        )
+        console.print(f"Figures written to {json_path}")
+    if any(sum(tally.proved_mutations.values()) for tally in tallies):
         raise typer.Exit(1)
 
 

@@ -3,7 +3,8 @@
 Read `equilibrium` first, the value that all others take and return. `enumeration` finds every one at given inputs or at
 a given pose (`solutions`: sets of them; `families`: those that are not isolated; `search_frame`: in which units;
 `certification`: the proof that a set is complete), and `home` chooses one.
-`tracking` follows one along a way, `relaxation` lets it fall, `fold_distance` measures how far it is from falling.
+`tracking` follows one along a way (`path_certification`: the proof that it did), `relaxation` lets it fall,
+`fold_distance` measures how far it is from falling.
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
 all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
 rasters (`raster`, `raster_states`, `atlas_file`). `progress` shows how far a search is.
@@ -29,6 +30,7 @@ from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.path_certification import PathCertificate, certify_path
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
@@ -52,6 +54,7 @@ __all__ = [
     "Family",
     "FamilyKind",
     "NearestFold",
+    "PathCertificate",
     "Raster",
     "RasterStates",
     "Region",
@@ -66,6 +69,7 @@ __all__ = [
     "UndecidedRegion",
     "build_atlas",
     "build_roadmap",
+    "certify_path",
     "find_crossings",
     "find_falls",
     "forward_singularities",

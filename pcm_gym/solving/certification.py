@@ -1,4 +1,4 @@
-"""Proof that the equilibria of a mechanism with two legs, at given inputs, are all there are."""
+"""Proof that the equilibria of a mechanism with two legs, at given inputs or at a given pose, are all there are."""
 
 import math
 from dataclasses import dataclass
@@ -18,10 +18,16 @@ from pcm_gym.kernels.proofs.certification import (
     prove_all,
     resolve,
     set_parts,
-    set_state,
 )
 from pcm_gym.kernels.proofs.krawczyk import CARTESIAN, Proved, make_proved
-from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_unit_cells
+from pcm_gym.kernels.proofs.path_proof import LARGEST_GAP
+from pcm_gym.kernels.proofs.proved_states import (
+    bound_inverse_errors,
+    bound_state_errors,
+    set_inverse_state,
+    set_state,
+)
+from pcm_gym.kernels.proofs.rod_cells import Frames, UnitCells, make_frames, make_inverse_frames, make_unit_cells
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import check_kinds, instance_of, shown
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -82,9 +88,9 @@ class UndecidedRegion:
 class Certificate:
     """What is proved of the number of equilibria with every rod's rho <= rho_max.
 
-    If nothing is undecided, the mechanism has exactly `proved_count` equilibria in the range, each in a box of its own
-    that holds no other, and the set to which this belongs is they (before a choice of modes). Otherwise that is proved
-    of everything outside the undecided regions.
+    If nothing is undecided, the mechanism has exactly `proved_count` equilibria in the range, at the inputs or at the
+    pose that was asked about, each in a box of its own that holds no other, and the set to which this belongs is they
+    (before a choice of modes), up to `error`. Otherwise that is proved of everything outside the undecided regions.
 
     The proof is a computation with enclosures: every part of the plane of loads of either rod is covered by cells, and
     each pair of cells is excluded by rigorous bounds of the closed form of the rods, or lies in a box in which the test
@@ -103,15 +109,19 @@ class Certificate:
         Where nothing is proved.
     examined : int
         Pairs of cells, one of each rod, that were looked at one by one.
+    error : float
+        Bound of the errors of the states of the proved equilibria: the largest difference of a component from that of
+        the true equilibrium, relative to 1 + its size.
     """
 
     rho_max: float
     proved_count: int
     undecided: tuple[UndecidedRegion, ...]
     examined: int
+    error: float
 
     def __post_init__(self) -> None:
-        check_kinds(self, rho_max=float, proved_count=int, undecided=tuple, examined=int)
+        check_kinds(self, rho_max=float, proved_count=int, undecided=tuple, examined=int, error=float)
 
     @property
     def is_proved(self) -> bool:
@@ -153,18 +163,75 @@ def certify_forward(
     -------
     states : array (n, 6)
         All that are proved, those that were not known included, and those known ones that lie in undecided regions.
-        What is proved not to be an equilibrium of the range, and all but one of what is proved to be the same, is left
-        out.
+        A known state that is not, to 1e-9, what Newton's method finds in its box gives way to that. What is proved not
+        to be an equilibrium of the range, and all but one of what is proved to be the same, is left out.
     certificate : Certificate
     """
-    legs = mechanism.leg_table
-    frames = make_frames(legs, inputs, load)
+    legs, frames = mechanism.leg_table, make_frames(mechanism.leg_table, inputs, load)
+    outcome = _prove(frames, rho_max, states)
+    found = np.empty((len(outcome.numbers), mechanism.state_size))
+    for n, state in zip(outcome.numbers, found, strict=True):
+        set_state(legs, inputs, load, outcome.boxes.polar[n], state)
+        known = states[outcome.known[n]] if n in outcome.known else state
+        if _are_near(known, state):
+            state[:] = known
+    errors = np.zeros(len(found))
+    bound_state_errors(frames, outcome.proved, outcome.numbers, found, errors)
+    return np.concatenate([found, states[outcome.open]]), outcome.certificate(rho_max, errors)
+
+
+def certify_inverse(
+    mechanism: Mechanism, pose: Array, load: Array, rho_max: float, states: Array, inputs: Array
+) -> tuple[Array, Array, Certificate]:
+    """Prove a set of equilibria at a pose complete.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With two legs.
+    pose, load : array (2,)
+        In the kernels' units.
+    rho_max : float
+    states : array (m, 6)
+        The equilibria that are known.
+    inputs : array (m, 2)
+        Theirs, in the kernels' units.
+
+    Returns
+    -------
+    states, inputs, certificate
+        As of `certify_forward`, with the inputs.
+    """
+    legs, frames = mechanism.leg_table, make_inverse_frames(mechanism.leg_table, pose, load)
+    outcome = _prove(frames, rho_max, states)
+    found, own = np.empty((len(outcome.numbers), mechanism.state_size)), np.empty((len(outcome.numbers), 2))
+    for n, state, values in zip(outcome.numbers, found, own, strict=True):
+        set_inverse_state(legs, pose, load, outcome.boxes.polar[n], state, values)
+        if n in outcome.known:
+            known, known_inputs = states[outcome.known[n]], inputs[outcome.known[n]]
+            if _are_near(known, state) and _are_near(known_inputs, values):
+                state[:], values[:] = known, known_inputs
+    errors = np.zeros(len(found))
+    bound_inverse_errors(legs, pose, outcome.proved, outcome.numbers, found, own, errors)
+    certificate = outcome.certificate(rho_max, errors)
+    return np.concatenate([found, states[outcome.open]]), np.concatenate([own, inputs[outcome.open]]), certificate
+
+
+def _are_near(known: Array, found: Array) -> bool:
+    """Return whether a known state or its inputs are what Newton's method finds."""
+    return bool(np.all(np.abs(known - found) <= LARGEST_GAP * (1.0 + np.abs(found))))
+
+
+def _prove(frames: Frames, rho_max: float, states: Array) -> "_Outcome":
+    """Prove what can be proved of a set of equilibria."""
+    loads = _polar_loads(states)
     proved, undecided = make_proved(_MOST_PROVED), make_undecided(_MOST_UNDECIDED)
-    prove_all(frames, _polar_loads(states), proved)
-    cells = _unit_cells(_LEVELS + sum(rho_max > load for load in _LARGE_LOADS), rho_max)
-    pairs = _open_pairs(cells, frames, proved)
+    prove_all(frames, loads, proved)
+    levels = _LEVELS + sum(rho_max > load for load in _LARGE_LOADS)
+    tables = [_unit_cells(levels, rho_max, int(kind)) for kind in frames.kinds]
+    pairs = _open_pairs(tables, frames, proved)
     if pairs is not None:
-        regions = _undecided_regions(undecided, _is_resolved(cells, frames, pairs, proved, undecided))
+        regions = _undecided_regions(undecided, _is_resolved(tables[0], frames, pairs, proved, undecided))
     else:
         regions = [_region("limit", *np.array([[0.0, -math.pi] * 2, [rho_max, math.pi] * 2]))]
     boxes = _Boxes.of(proved)
@@ -172,31 +239,54 @@ def certify_forward(
     is_border = ~(is_inside | is_outside)
     for center, error in zip(boxes.polar[is_border], boxes.polar_error[is_border], strict=True):
         regions.append(_region("rho_max", center - error, center + error))
-    kept, owners = [], set[int]()
-    for state, loads in zip(states, _polar_loads(states), strict=True):
-        owner = boxes.owner(loads)
-        if owner is None:
-            is_kept = any(region._contains_loads(loads) for region in regions)
-        else:
-            is_kept = owner not in owners and not is_outside[owner]
-            owners.add(owner)
-        if is_kept:
-            kept.append(state)
-    for new in set(np.flatnonzero(is_inside)) - owners:
-        state = np.empty(mechanism.state_size)
-        set_state(legs, inputs, load, boxes.polar[new], state)
-        kept.append(state)
-    found = np.array(kept).reshape(-1, mechanism.state_size)
-    certificate = Certificate(rho_max, int(is_inside.sum()), tuple(regions), int(undecided.examined[0]))
-    return found, certificate
+    owners = [boxes.owner(own) for own in loads]
+    known: dict[int, int] = {}
+    for m, owner in enumerate(owners):
+        if owner is not None:
+            known.setdefault(owner, m)
+    is_open = [
+        owner is None and any(r._contains_loads(own) for r in regions) for owner, own in zip(owners, loads, strict=True)
+    ]
+    numbers = [n for n in range(len(is_inside)) if is_inside[n] or (is_border[n] and n in known)]
+    return _Outcome(
+        proved,
+        boxes,
+        tuple(regions),
+        np.array(numbers, dtype=np.int64),
+        known,
+        np.array(is_open, dtype=bool),
+        int(is_inside.sum()),
+        int(undecided.examined[0]),
+    )
 
 
-def _open_pairs(cells: UnitCells, frames: Frames, proved: Proved) -> Integers | None:
-    """Return the pairs of leaves that may hold another equilibrium, (m, 2); None if they are too many."""
-    search = make_open_pairs(cells, _MOST_OPEN)
-    for leg in range(2):
-        set_parts(cells, frames, leg, search)
-    while find_open_pairs(cells, proved, search):
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """What was proved of a set of equilibria."""
+
+    proved: Proved
+    boxes: "_Boxes"
+    regions: tuple[UndecidedRegion, ...]
+    numbers: Integers  # the boxes in the range, or at its border and known
+    known: dict[int, int]  # the first known state in each box that has one
+    open: Mask  # (m,): the known states that may be equilibria, in undecided regions
+    count: int
+    examined: int
+
+    def certificate(self, rho_max: float, errors: Array) -> Certificate:
+        """Return the certificate, with bounds of the errors of all states that are returned."""
+        return Certificate(rho_max, self.count, self.regions, self.examined, float(errors.max(initial=0.0)))
+
+
+def _open_pairs(tables: list[UnitCells], frames: Frames, proved: Proved) -> Integers | None:
+    """Return the pairs of leaves that may hold another equilibrium, (m, 2); None if they are too many.
+
+    `tables` are those of both legs, with the same cells.
+    """
+    search = make_open_pairs(tables[0], _MOST_OPEN)
+    for leg, table in enumerate(tables):
+        set_parts(table, frames, leg, search)
+    while find_open_pairs(tables[0], proved, search):
         if search.counts[1] == _MOST_OPEN:
             return None
     return search.pairs[: search.counts[1]]
@@ -260,8 +350,8 @@ class _Boxes:
 
 
 @lru_cache(maxsize=2)
-def _unit_cells(levels: int, rho_max: float) -> UnitCells:
-    return make_unit_cells(levels, rho_max)
+def _unit_cells(levels: int, rho_max: float, kind: int) -> UnitCells:
+    return make_unit_cells(levels, rho_max, kind)
 
 
 def _polar_loads(states: Array) -> Array:

@@ -35,7 +35,7 @@ from pcm_gym.mechanism.validation import (
     whole_number,
 )
 from pcm_gym.solving.budget import Spending
-from pcm_gym.solving.certification import Certificate, certify_forward
+from pcm_gym.solving.certification import Certificate, certify_forward, certify_inverse
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.families import Continuum, System, corrected_states, part_continua
 from pcm_gym.solving.search_frame import SearchFrame, beside_motors, search_frame
@@ -108,8 +108,7 @@ def solve_forward(
     tabulates the rod for this `rho_max`, 0.1 s to 2 s.
     """
     inputs = instance_of("mechanism", mechanism, Mechanism).check_inputs(inputs)
-    if truth_value("certify", certify) and mechanism.leg_count != 2:
-        raise ValueError(f"certify is available for the forward problem of two legs, got {mechanism.leg_count} legs")
+    _check_certify(mechanism, certify)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     searched, scaled_load = problem.searched, problem.scaled_load
     scaled = searched.units.kernel_from_inputs(inputs)
@@ -142,7 +141,7 @@ def solve_inverse(
     load, rho_max, modes, refinement
         As for `solve_forward`.
     certify : bool
-        Only for the forward problem: True raises.
+        Whether to prove that the set is complete (two legs only); the `certificate` of the set says what is proved.
 
     Returns
     -------
@@ -155,19 +154,19 @@ def solve_inverse(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is not finite or out of range, or there is more to return than the search
-        has room for: no set is cut.
+        If an argument has the wrong shape, is not finite or out of range, a proof is asked for more than two legs, or
+        there is more to return than the search has room for: no set is cut.
     SearchBudgetError
         If the search meets its budget; see `search_budget`.
 
     Notes
     -----
     A few ms for two legs, about 0.1 s for a platform; up to a second where the tip is near a motor, about which the rod
-    may then turn any way. A pose out of reach gives an empty set.
+    may then turn any way. A pose out of reach gives an empty set. A proof takes about as long as one of
+    `solve_forward`, and a few seconds at a pose very near to a motor.
     """
     pose = instance_of("mechanism", mechanism, Mechanism).check_pose(pose)
-    if truth_value("certify", certify):
-        raise ValueError("certify is available for the forward problem of two legs, got an inverse problem")
+    _check_certify(mechanism, certify)
     problem = _Problem.checked(mechanism, load, rho_max, modes, refinement)
     searched, scaled = problem.searched, problem.frame.scaled_pose(pose)
     beside = beside_motors(searched.leg_table, scaled)
@@ -175,9 +174,19 @@ def solve_inverse(
     if beside is not scaled:
         found = problem.filled(partial(_correct, problem, *problem.moved(found, scaled)), is_inverse=True)
     found, families = problem.parted(found, scaled)
-    own_inputs = searched.units.inputs_from_kernel(found.inputs)
+    states, inputs, certificate = found.x, found.inputs, None
+    if certify:
+        states, inputs, certificate = certify_inverse(
+            searched, scaled, problem.scaled_load, problem.rho_max, states, inputs
+        )
+    own_inputs = searched.units.inputs_from_kernel(inputs)
     reason = _out_of_reach(mechanism, pose) if not len(own_inputs) else ""
-    return problem.solutions(found.x, own_inputs, families, reason)
+    return problem.solutions(states, own_inputs, families, reason, certificate)
+
+
+def _check_certify(mechanism: Mechanism, certify: bool) -> None:
+    if truth_value("certify", certify) and mechanism.leg_count != 2:
+        raise ValueError(f"certify is available for two legs, got {mechanism.leg_count} legs")
 
 
 @lru_cache(maxsize=8)

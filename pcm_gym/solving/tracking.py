@@ -1,6 +1,6 @@
 """Following a branch of equilibria as the inputs and the load change."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -11,6 +11,7 @@ from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import check_kinds, instance_of, truth_value
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.path_certification import PathCertificate, certify_path
 
 
 class Event(IntEnum):
@@ -60,14 +61,19 @@ class TrackedStep:
         Why the step ended; `Event.NONE` if the target was reached.
     fraction : float
         Part of the way that was gone, in [0, 1]; at a fold exact to 1e-8.
+    certificate : PathCertificate or None
+        What is proved of the way that was gone, if that was asked for; its `fraction` is one of the whole way.
     """
 
     equilibrium: Equilibrium
     event: Event
     fraction: float
+    certificate: PathCertificate | None = None
 
     def __post_init__(self) -> None:
-        check_kinds(self, equilibrium=Equilibrium, event=Event, fraction=float)
+        check_kinds(
+            self, equilibrium=Equilibrium, event=Event, fraction=float, certificate=PathCertificate | type(None)
+        )
 
 
 class BranchTracker:
@@ -80,9 +86,19 @@ class BranchTracker:
         Where to start; an equilibrium of this mechanism.
     follow_index_changes : bool
         Whether to go on through bifurcations, where the branch continues with another index. A fold always stops.
+    certify : bool
+        Whether to prove of each step that one branch, of one index, leads from its start to its end (see
+        `certify_path`). A step that ends at a fold or a change of index is proved up to just before it.
     """
 
-    def __init__(self, mechanism: Mechanism, equilibrium: Equilibrium, *, follow_index_changes: bool = False) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        equilibrium: Equilibrium,
+        *,
+        follow_index_changes: bool = False,
+        certify: bool = False,
+    ) -> None:
         instance_of("mechanism", mechanism, Mechanism)
         if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != mechanism:
             raise ValueError(
@@ -92,6 +108,7 @@ class BranchTracker:
         self._mechanism = mechanism
         self._equilibrium = equilibrium
         self._follow_index_changes = truth_value("follow_index_changes", follow_index_changes)
+        self._certify = truth_value("certify", certify)
 
     @property
     def equilibrium(self) -> Equilibrium:
@@ -131,4 +148,8 @@ class BranchTracker:
         if fraction < 1.0:
             inputs_wanted, load_wanted = units.inputs_from_kernel(point.inputs), units.load_from_kernel(point.load)
         self._equilibrium = Equilibrium.unchecked(mechanism, point.x, inputs_wanted, load_wanted)
-        return TrackedStep(self._equilibrium, Event(event), fraction)
+        certificate = None
+        if self._certify:
+            certificate = certify_path(mechanism, [start, self._equilibrium])
+            certificate = replace(certificate, fraction=certificate.fraction * fraction)
+        return TrackedStep(self._equilibrium, Event(event), fraction, certificate)

@@ -10,6 +10,7 @@ import pytest
 import pcm_gym
 from benchmarks import batch, single
 from benchmarks.batch import batch_throughput, make_batches, memory_per_environment, step_parts
+from benchmarks.certificates import try_paths
 from benchmarks.endurance import Case, Tally, contradictions, endure, make_batch, read_cases, write_cases
 from benchmarks.machine import describe_machine
 from benchmarks.shield import KINDS, defend
@@ -81,6 +82,14 @@ def test_shields_withstand_an_adversary_and_agree() -> None:
         assert (found[kind].losses, found[kind].failures, found[kind].below) == (0, 0, 0)
         found[kind].name = ""
     assert found["single"] == found["vector"]
+
+
+def test_certificates_are_counted_and_timed() -> None:
+    tally = try_paths("2RFR", 3, 6, 0, lambda: None)
+    assert (tally.paths, tally.proved, len(tally.step_times)) == (3, 3, 3)
+    assert set(tally.mutations.values()) == {1}
+    assert sum(tally.proved_mutations.values()) == 0
+    assert json.loads(json.dumps(tally.as_dict()))["mechanism"] == "2RFR"
 
 
 def test_endurance_keeps_what_does_not_fit_together(tmp_path: Path) -> None:

@@ -196,16 +196,18 @@ def _of_solving(name: str) -> Iterator[Door]:
     )
     pose = here.pose + 0.01
     yield Door(
-        "solve_inverse", pcm_gym.solve_inverse, {**asked, **more, "pose": pose, "certify": False}, ("pose", "load")
+        "solve_inverse", pcm_gym.solve_inverse, {**asked, **more, "pose": pose, "certify": dof == 2}, ("pose", "load")
     )
     yield Door("home_equilibrium", pcm_gym.home_equilibrium, {"mechanism": own, "load": load}, ("load",))
-    tracked = {"mechanism": own, "equilibrium": here, "follow_index_changes": False}
+    tracked = {"mechanism": own, "equilibrium": here, "follow_index_changes": False, "certify": False}
     yield Door("BranchTracker", lambda **given: pcm_gym.BranchTracker(**given).equilibrium, tracked)
 
     def step(**given: Any) -> Any:
         return pcm_gym.BranchTracker(own, here).step(**given)
 
     yield Door("BranchTracker.step", step, {"inputs": inputs + 0.0625, "load": load}, ("inputs", "load"))
+    way = [here, pcm_gym.BranchTracker(own, here).step(inputs + 0.0625).equilibrium]
+    yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 

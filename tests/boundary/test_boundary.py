@@ -29,6 +29,7 @@ TOLD: tuple[str, ...] = (
     "Element",
     "EquilibriumSet",
     "NearestFold",
+    "PathCertificate",
     "Preview",
     "Snap",
 )

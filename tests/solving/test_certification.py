@@ -7,7 +7,7 @@ import pytest
 
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.solving import BranchTracker, EquilibriumSet, Event, certification, solve_forward, solve_inverse
-from pcm_gym.solving.certification import Certificate, certify_forward
+from pcm_gym.solving.certification import Certificate, certify_forward, certify_inverse
 from tests.reference.mechanisms import find_equilibria
 from tests.solving.test_enumeration import Problem, largest_rho, two_motors, unmatched
 
@@ -84,12 +84,104 @@ class TestRandomProblems:
             assert proof.is_proved
             assert are_same(found, states)
 
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_states_that_are_wrong_on_purpose_never_come_back(self, seed: int) -> None:
+        """One number of a state, a load or the pose, is wrong by 1e-7 to 1e-1 of 1 + its size."""
+        rng = np.random.default_rng(seed)
+        states = states_of(certified(Problem(seed)))
+        for _ in range(10):
+            wrong = states.copy()
+            m, k = rng.integers(len(states)), rng.integers(6)
+            wrong[m, k] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-7.0, -1.0) * (1.0 + abs(wrong[m, k]))
+            found, proof = certified_from(Problem(seed), wrong)
+            assert proof.is_proved
+            assert proof.proved_count == len(states)
+            assert not np.any(np.all(found == wrong[m], axis=1))
+            assert are_same(found, states)
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_errors_of_states_are_bounded(self, seed: int) -> None:
+        """States that are wrong by 1e-10 stay, and the bound holds their errors; those of the solver are better."""
+        states = states_of(certified(Problem(seed)))
+        errors = 1e-10 * np.random.default_rng(seed).choice([-1.0, 1.0], states.shape) * (1.0 + np.abs(states))
+        found, proof = certified_from(Problem(seed), states + errors)
+        assert all(np.any(np.all(found == state, axis=1)) for state in states + errors)
+        assert 1e-10 * (1.0 - 1e-4) <= proof.error < 1e-5
+
     def test_equilibria_beyond_the_range_are_not_counted(self) -> None:
         for seed in SEEDS[:3]:
             found = certified(Problem(seed))
             inside, proof = certified_from(Problem(seed), states_of(found), rho_max=6.0)
             assert proof.is_proved
             assert proof.proved_count == len(inside) == sum(largest_rho(e) <= 6.0 for e in found)
+
+
+class TestInverseProblems:
+    """The same at a given pose: motors and sliders mixed, inputs unknown."""
+
+    @staticmethod
+    def proved_from(
+        case: Problem, states: np.ndarray, inputs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, Certificate]:
+        units = case.mechanism.units
+        pose, load = case.pose / units.pose, case.load / units.load
+        return certify_inverse(case.mechanism, pose, load, RHO_MAX, states, inputs)
+
+    @staticmethod
+    def solved(case: Problem) -> tuple[EquilibriumSet, np.ndarray, np.ndarray]:
+        found = solve_inverse(case.mechanism, case.pose, case.load, RHO_MAX, certify=True)
+        inputs = np.array([e.inputs / case.mechanism.units.inputs for e in found]).reshape(-1, 2)
+        return found, states_of(found), inputs
+
+    def test_nearly_all_sets_are_proved_and_are_those_of_the_solver(self) -> None:
+        proved = 0
+        for seed in range(30):
+            case = Problem(seed)
+            found, plain = self.solved(case)[0], case.inverse()
+            proved += certificate(found).is_proved
+            assert unmatched(plain, found) == []
+            if certificate(found).is_proved:
+                assert certificate(found).proved_count == len(found) == len(plain)
+                assert certificate(found).error < 1e-5
+        assert proved >= 27
+
+    def test_equilibria_that_were_missed_are_found(self) -> None:
+        for seed in SEEDS[:6]:
+            case = Problem(seed)
+            whole, states, inputs = self.solved(case)
+            for part in (slice(0, 0), slice(1, None), slice(0, None, 2)):
+                found, own, proof = self.proved_from(case, states[part], inputs[part])
+                assert proof.is_proved == certificate(whole).is_proved
+                assert proof.proved_count == len(whole)
+                assert are_same(found, states)
+                for values in own:
+                    turns = np.remainder(values - inputs + math.pi, 2.0 * math.pi) - math.pi
+                    assert np.abs(turns).max(axis=1).min() < 1e-7
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    def test_states_and_inputs_that_are_wrong_on_purpose_never_come_back(self, seed: int) -> None:
+        """One number is wrong by 1e-7 to 1e-1 of 1 + its size: a load, the pose, or an input."""
+        rng, case = np.random.default_rng(seed), Problem(seed)
+        _, states, inputs = self.solved(case)
+        for _ in range(5 if len(states) else 0):
+            wrong = np.column_stack([states, inputs])
+            m, k = rng.integers(len(states)), rng.integers(8)
+            wrong[m, k] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-7.0, -1.0) * (1.0 + abs(wrong[m, k]))
+            found, own, proof = self.proved_from(case, wrong[:, :6], wrong[:, 6:])
+            assert not np.any(np.all(np.column_stack([found, own]) == wrong[m], axis=1))
+            assert are_same(found, states)
+            assert proof.error < 1e-5
+
+    def test_a_pose_out_of_reach_has_proved_none(self) -> None:
+        found = solve_inverse(FOUR_WIDE, (0.0, 1.5), certify=True)
+        assert len(found) == certificate(found).proved_count == 0
+        assert certificate(found).is_proved
+        assert found.reason != ""
+
+    def test_a_hinge_on_its_motor_is_never_proved(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The rod then turns freely: a continuum."""
+        monkeypatch.setattr(certification, "_MOST_EXAMINED", 5000)
+        assert not certificate(solve_inverse(FOUR_WIDE, (0.35, 0.0), certify=True)).is_proved
 
 
 class TestKnownProblems:
@@ -198,12 +290,10 @@ class TestInterface:
         found = solve_forward(FOUR_WIDE, [1.0, 2.0], certify=True)
         assert repr(certificate(found)) == f"Certificate: proved, exactly {len(found)} equilibria with rho <= 9"
 
-    def test_only_forward_problems_of_two_legs(self) -> None:
+    def test_only_two_legs(self) -> None:
         platform = get_mechanism("3PFR")
         assert platform.home_inputs is not None
-        with pytest.raises(ValueError, match="certify is available for the forward problem of two legs, got 3 legs"):
+        with pytest.raises(ValueError, match="certify is available for two legs, got 3"):
             solve_forward(platform, platform.home_inputs, certify=True)
-        with pytest.raises(
-            ValueError, match="certify is available for the forward problem of two legs, got an inverse"
-        ):
-            solve_inverse(FOUR_WIDE, (0.0, 0.8), certify=True)
+        with pytest.raises(ValueError, match="certify is available for two legs, got 3"):
+            solve_inverse(platform, (0.0, 0.0, 0.1), certify=True)

@@ -1,8 +1,10 @@
-"""Proofs that a set of equilibria is complete: Taylor models, enclosures of rods, Krawczyk. Two legs, given inputs.
+"""Proofs that a set of equilibria is complete, and that a path is one branch: Taylor models, Krawczyk's test.
 
 Read from below: `taylor_models` (arithmetic that encloses its results), `rod_enclosure` (the closed form of a rod in
 it), `rod_cells` (a tree of cells of the unit rod, and how it enters the equations of two legs), `krawczyk` (a box with
-exactly one equilibrium), `certification` (branch and bound over pairs of cells).
+exactly one equilibrium), `certification` (branch and bound over pairs of cells: sets of two legs, at given inputs or at
+a pose), `proved_states` (how far states are from the equilibria in the boxes). For paths, with any number of legs:
+`tube` (one equilibrium at every place of a piece of a line), `path_proof` (pieces joined to a path).
 
 Symbols
 -------

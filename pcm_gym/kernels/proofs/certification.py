@@ -1,4 +1,4 @@
-"""A proof that a set of equilibria of a two-legged mechanism is complete, at given inputs.
+"""A proof that a set of equilibria of a two-legged mechanism is complete, at given inputs or at a given pose.
 
 The loads of both rods are searched by branch and bound with the rigorous models of `rod_cells`. A pair of cells, one of
 each rod, is excluded where the affine models of what the legs add to the equations, combined by any numbers, cannot sum
@@ -7,14 +7,12 @@ lie in a box with one equilibrium (see `krawczyk`) are done. The rest is narrowe
 are proved and added. What is still open at the smallest cells is undecided: a fold, or something like it.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.enumeration.cells import node_offset
-from pcm_gym.kernels.enumeration.found import POLISH_RULES
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import eliminate
 from pcm_gym.kernels.numerics.slices import slices
@@ -35,8 +33,6 @@ from pcm_gym.kernels.proofs.rod_cells import (
     set_contribution,
     set_unit_models,
 )
-from pcm_gym.kernels.statics.closure import TIP_X, evaluate_rods, make_workspace, set_inputs
-from pcm_gym.kernels.statics.newton import CONVERGED, solve_forward_locally
 
 # A pair of cells is split until its loads are known so well, relative to `natural_width`.
 _LEAST_CELL = 1e-7
@@ -75,7 +71,10 @@ def prove_all(frames: Frames, starts: Array, proved: Proved) -> None:
 def _prove_some(frames: Frames, starts: Array, proved: Proved) -> None:
     work = make_krawczyk()
     for n in range(starts.shape[0]):
-        prove(frames, starts[n].copy(), proved, work)
+        z = starts[n].copy()
+        if not correct(frames, z, work):
+            z[:] = starts[n]
+        prove(frames, z, proved, work)
 
 
 @kernel
@@ -237,7 +236,7 @@ def _examine(frames: Frames, stack: Array, top: int, proved: Proved, undecided: 
     if is_proved(proved, pair[0], pair[1]):
         return -1
     for leg in range(2):
-        set_unit_models(pair[leg], work.models)
+        set_unit_models(pair[leg], frames.kinds[leg], work.models)
         set_contribution(frames, leg, work.models, work.parts[leg])
     if not _may_touch(work.parts[0], work.parts[1]) or not _narrow(work.parts[0], work.parts[1], work):
         return -1
@@ -328,18 +327,3 @@ def _look_for_equilibrium(frames: Frames, pair: Array, proved: Proved, work: Kra
         z[2 * leg], z[2 * leg + 1] = max(pair[leg, RHO], 0.0), pair[leg, B]
     if correct(frames, z, work):
         prove(frames, z, proved, work)
-
-
-@kernel
-def set_state(legs: Array, inputs: Array, load: Array, z: Array, x: Array) -> bool:
-    """Put the equilibrium near the polar loads z into the state x (6,); return whether Newton's method converged."""
-    work = make_workspace(2, 6)
-    for leg in range(2):
-        rho, b = z[2 * leg], z[2 * leg + 1]
-        x[2 * leg], x[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)
-    set_inputs(legs, inputs, work)
-    x[4:] = 0.0
-    evaluate_rods(legs, x, work)
-    for d in range(2):  # between the tips of the two rods
-        x[4 + d] = 0.5 * (work.clamps[0, d] + work.rods[0, TIP_X + d] + work.clamps[1, d] + work.rods[1, TIP_X + d])
-    return solve_forward_locally(legs, inputs, load, x, POLISH_RULES, work) == CONVERGED

@@ -18,24 +18,30 @@ from pcm_gym.kernels.numerics.linear import eliminate
 from pcm_gym.kernels.proofs.rod_cells import (
     B_HALF,
     CENTER,
+    PLACED,
     RHO,
     RHO_HALF,
     ROWS,
     SLACK,
     SPREAD,
+    TURNABLE,
     B,
     Frames,
     set_contribution,
     set_unit_models,
 )
-from pcm_gym.kernels.proofs.rod_enclosure import RodEnclosure, enclose_rod_derivatives, enclose_slightly_loaded
-from pcm_gym.kernels.proofs.taylor_models import bounds
+from pcm_gym.kernels.proofs.rod_enclosure import (
+    enclose_rod_derivatives,
+    enclose_slightly_loaded,
+    enclose_turnable_derivatives,
+)
+from pcm_gym.kernels.proofs.taylor_models import Model, along_s, along_t, bounds
 
 # The charts of a rod's load.
 POLAR, CARTESIAN = range(2)
 # Below this rho the load itself is the chart; the equations are known over loads |g| up to the second number.
-_CARTESIAN_RHO = 0.3
-_LARGEST_CARTESIAN_LOAD = 0.9
+CARTESIAN_RHO = 0.3
+LARGEST_CARTESIAN_LOAD = 0.9
 # A change of a load that is of the order of its own size is at most this.
 _LARGEST_RADIUS = 0.5
 _NEWTON_STEPS = 20
@@ -132,7 +138,7 @@ def _set_values(frames: Frames, z: Array, charts: Integers, work: Krawczyk) -> N
     for leg in range(2):
         box[RHO], box[B] = _polar(z, charts, leg)
         box[RHO_HALF], box[B_HALF] = 0.0, 0.0
-        set_unit_models(box, work.models)
+        set_unit_models(box, frames.kinds[leg], work.models)
         set_contribution(frames, leg, work.models, work.parts[leg])
 
 
@@ -142,10 +148,11 @@ def _set_jacobian(frames: Frames, z: Array, r: Array, charts: Integers, work: Kr
     for leg in range(2):
         first, second = z[2 * leg], z[2 * leg + 1]
         if charts[leg] == POLAR:
-            by_rho, by_b = enclose_rod_derivatives(first, r[2 * leg], second, r[2 * leg + 1])
-            for k, change in ((2 * leg, by_rho), (2 * leg + 1, by_b)):
-                _set_bounds(change, work.unit, work.unit_half)
-                _set_column(frames, leg, work.unit, work.unit_half, work.middle[:, k], work.half_width[:, k])
+            rho, b = along_s(first, r[2 * leg], 0.0), along_t(second, r[2 * leg + 1], 0.0)
+            for k in range(2):
+                _set_polar_bounds(frames.kinds[leg], rho, b, k, work)
+                column = 2 * leg + k
+                _set_column(frames, leg, work.unit, work.unit_half, work.middle[:, column], work.half_width[:, column])
         else:
             load = math.hypot(abs(first) + r[2 * leg], abs(second) + r[2 * leg + 1]) * (1.0 + SLACK)
             for k in range(2):
@@ -155,8 +162,18 @@ def _set_jacobian(frames: Frames, z: Array, r: Array, charts: Integers, work: Kr
 
 
 @kernel
-def _set_bounds(change: RodEnclosure, middle: Array, half_width: Array) -> None:
-    """Put intervals of a derivative of force and tip into middle (4,) and half_width (4,)."""
+def _set_polar_bounds(kind: int, rho: Model, b: Model, k: int, work: Krawczyk) -> None:
+    """Put intervals of the derivatives by rho (k = 0) or b of the unit rod's quantities into the scratch arrays."""
+    middle, half_width = work.unit, work.unit_half
+    if kind == TURNABLE:
+        own = enclose_turnable_derivatives(rho, b)[k]
+        middle[0], half_width[0] = bounds(own.dot)
+        middle[1], half_width[1] = bounds(own.cross)
+        middle[2], half_width[2] = bounds(own.square)
+        middle[3] = half_width[3] = 0.0
+        return
+    _, by_rho, by_b = enclose_rod_derivatives(rho, b)
+    change = by_rho if k == 0 else by_b
     middle[0], half_width[0] = bounds(change.force_x)
     middle[1], half_width[1] = bounds(change.force_y)
     middle[2], half_width[2] = bounds(change.tip_x)
@@ -169,7 +186,7 @@ def _set_cartesian_bounds(load: float, k: int, middle: Array, half_width: Array)
     middle[:] = 0.0
     middle[k] = 1.0
     middle[3] = k / 3.0
-    if load > _LARGEST_CARTESIAN_LOAD:
+    if load > LARGEST_CARTESIAN_LOAD:
         half_width[:] = math.inf
         return
     near = enclose_slightly_loaded(load)
@@ -181,15 +198,15 @@ def _set_cartesian_bounds(load: float, k: int, middle: Array, half_width: Array)
 
 @kernel
 def _set_column(frames: Frames, leg: int, unit: Array, unit_half: Array, middle: Array, half_width: Array) -> None:
-    """Turn and scale intervals of a derivative of the unit rod's force and tip into a column of the Jacobian."""
-    c, s = frames.turn[leg, 0], frames.turn[leg, 1]
-    for x in range(0, ROWS, 2):
-        y, factor = x + 1, frames.factors[leg, x]
-        middle[x] = factor * (c * unit[x] - s * unit[y])
-        middle[y] = factor * (s * unit[x] + c * unit[y])
-        rounding = frames.relative_slack[0] * (abs(unit[x]) + abs(unit[y]) + unit_half[x] + unit_half[y])
-        half_width[x] = abs(factor) * (abs(c) * unit_half[x] + abs(s) * unit_half[y] + rounding) * (1.0 + SLACK)
-        half_width[y] = abs(factor) * (abs(s) * unit_half[x] + abs(c) * unit_half[y] + rounding) * (1.0 + SLACK)
+    """Turn and scale intervals of a derivative of the unit rod's quantities into a column of the Jacobian."""
+    for row in range(ROWS):
+        x = frames.sources[leg, row]
+        y, by_x, by_y = x + 1, frames.factors[leg, row, 0], frames.factors[leg, row, 1]
+        middle[row], half_width[row] = by_x * unit[x] + by_y * unit[y], 0.0
+        if frames.sizes[leg, row] > 0.0:
+            size = abs(unit[x]) + abs(unit[y]) + unit_half[x] + unit_half[y]
+            rounding = frames.relative_slack[0] * frames.sizes[leg, row] * size
+            half_width[row] = (abs(by_x) * unit_half[x] + abs(by_y) * unit_half[y] + rounding) * (1.0 + SLACK)
 
 
 @kernel
@@ -206,12 +223,15 @@ def _linearise(frames: Frames, z: Array, charts: Integers, work: Krawczyk) -> bo
 
 
 @kernel
-def _choose_charts(z: Array, charts: Integers) -> None:
-    """Change polar loads in place to the charts that suit them."""
+def _choose_charts(frames: Frames, z: Array, charts: Integers) -> None:
+    """Change polar loads in place to the charts that suit them.
+
+    A rod whose clamp may be turned stays in the polar one: unloaded it is straight, where the inverse problem folds.
+    """
     for leg in range(2):
         rho, b = z[2 * leg], z[2 * leg + 1]
         charts[leg] = POLAR
-        if rho < _CARTESIAN_RHO:
+        if rho < CARTESIAN_RHO and frames.kinds[leg] == PLACED:
             charts[leg] = CARTESIAN
             z[2 * leg], z[2 * leg + 1] = rho * rho * math.cos(b), -rho * rho * math.sin(b)
 
@@ -220,7 +240,7 @@ def _choose_charts(z: Array, charts: Integers) -> None:
 def correct(frames: Frames, z: Array, work: Krawczyk) -> bool:
     """Correct the polar loads z in place to the equilibrium near them; return whether that converged."""
     charts = work.charts
-    _choose_charts(z, charts)
+    _choose_charts(frames, z, charts)
     for _ in range(_NEWTON_STEPS):
         if not _linearise(frames, z, charts, work):
             return False
@@ -389,7 +409,7 @@ def prove(frames: Frames, z: Array, proved: Proved, work: Krawczyk) -> bool:
     if n == proved.center.shape[0]:
         return False
     charts = proved.charts[n]
-    _choose_charts(z, charts)
+    _choose_charts(frames, z, charts)
     if not _prove(frames, z, charts, proved.radius[n], proved.error[n], work):
         return False
     if _is_known(proved, z, charts, proved.error[n]):

@@ -9,20 +9,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.enumeration.cells import cell_of_leaf, grid_angle, node_offset
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.slices import slices
-from pcm_gym.kernels.proofs.rod_enclosure import enclose_rod
-from pcm_gym.kernels.proofs.taylor_models import Model, affine
+from pcm_gym.kernels.proofs.rod_enclosure import enclose_rod_at, enclose_turnable
+from pcm_gym.kernels.proofs.taylor_models import Model, affine, along_s, along_t
 from pcm_gym.kernels.statics.closure import AXIS_X, AXIS_Y, BASE_X, BASE_Y, CLAMP_ANGLE, LENGTH, STIFFNESS, TURN
 
 # A cell is a box of loads: centre and half width of rho and of b.
 RHO, RHO_HALF, B, B_HALF = range(4)
 # Affine model of a quantity over a cell, and how far the quantity may be from the centre.
 CENTER, ALONG, ACROSS, REMAINDER, SPREAD = range(5)
-# The quantities: of the unit rod force and tip, (x, y) each; of a leg what it adds to the equations.
+# The quantities of the unit rod, of one kind or the other: with its clamp in a given direction force and tip, (x, y)
+# each; with a clamp that may be turned p . f, p x f and |p|^2 (see `Turnable`), and zero. Of a leg: what it adds to the
+# equations.
 ROWS = 4
+PLACED, TURNABLE = range(2)
 # There are 2^4 bands of rho, each with its own division of b.
 BAND_LEVEL = 4
 # Covers the rounding errors of what is computed from a model outside of the Taylor arithmetic, and those of the
@@ -37,8 +40,9 @@ class UnitCells(NamedTuple):
 
     levels: int
     rho_max: float
+    kind: int
     boxes: Array  # (nodes, 4)
-    models: Array  # (nodes, 4, 4): [force_x, force_y, tip_x, tip_y; centre, along, across, remainder]
+    models: Array  # (nodes, 4, 4): [quantity; centre, along, across, remainder]
 
 
 @kernel
@@ -50,13 +54,21 @@ def _set_affine(model: Model, out: Array) -> None:
 
 
 @kernel
-def set_unit_models(box: Array, out: Array) -> None:
+def set_unit_models(box: Array, kind: int, out: Array) -> None:
     """Fill the affine models (4, 4) of the unit rod over a box of loads; a remainder is inf where nothing is known."""
-    rod = enclose_rod(box[RHO], box[RHO_HALF], box[B], box[B_HALF])
-    _set_affine(rod.force_x, out[0])
-    _set_affine(rod.force_y, out[1])
-    _set_affine(rod.tip_x, out[2])
-    _set_affine(rod.tip_y, out[3])
+    rho, b = along_s(box[RHO], box[RHO_HALF], 0.0), along_t(box[B], box[B_HALF], 0.0)
+    if kind == PLACED:
+        rod = enclose_rod_at(rho, b)
+        _set_affine(rod.force_x, out[0])
+        _set_affine(rod.force_y, out[1])
+        _set_affine(rod.tip_x, out[2])
+        _set_affine(rod.tip_y, out[3])
+        return
+    own = enclose_turnable(rho, b)
+    _set_affine(own.dot, out[0])
+    _set_affine(own.cross, out[1])
+    _set_affine(own.square, out[2])
+    out[3] = 0.0
 
 
 @kernel
@@ -66,10 +78,10 @@ def _set_interval(low: float, high: float, out: Array) -> None:
     out[1] = max(high - out[0], out[0] - low) * (1.0 + SLACK)
 
 
-def make_unit_cells(levels: int, rho_max: float) -> UnitCells:
-    """Return the unit rod's models for rho in [0, rho_max] and every b."""
+def make_unit_cells(levels: int, rho_max: float, kind: int) -> UnitCells:
+    """Return the unit rod's models, those of one kind, for rho in [0, rho_max] and every b."""
     nodes = node_offset(levels + 1)
-    cells = UnitCells(levels, rho_max, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
+    cells = UnitCells(levels, rho_max, kind, np.empty((nodes, 4)), np.empty((nodes, ROWS, 4)))
     grid = np.empty((2**BAND_LEVEL, 2**levels + 1))
     _fill_grid(rho_max, grid)
     for first, last in slices(2 * 4**levels, _LEAVES_AT_ONCE):
@@ -104,7 +116,7 @@ def _fill_leaves(cells: UnitCells, grid: Array, first: int, last: int) -> None:
         _set_interval(grid[band, j], grid[band, j + 1], box[B : B + 2])
         if side == 1:
             box[B] = -box[B]
-        set_unit_models(box, cells.models[start + leaf])
+        set_unit_models(box, cells.kind, cells.models[start + leaf])
 
 
 @kernel
@@ -154,56 +166,126 @@ def _set_node(cells: UnitCells, node: int, first_child: int, is_box: bool) -> No
 class Frames(NamedTuple):
     """How the quantities of the unit rods enter the equations, (2, ...) by leg."""
 
-    turn: Array  # (2, 2): cosine and sine of the clamp's angle
-    factors: Array  # (2, 4): of each row
+    kinds: Integers  # (2,): which quantities
+    sources: Integers  # (2, 4): of each row the first of the two quantities that enter it
+    factors: Array  # (2, 4, 2): what they are multiplied by
+    sizes: Array  # (2, 4): what the factors' rounding errors are relative to
     offsets: Array  # (2, 4): added to each row
     slacks: Array  # (2, 4): bound on the error of the offset
-    relative_slack: Array  # (1,): of what is turned and scaled
+    relative_slack: Array  # (1,): of what is multiplied
+
+
+def _new_frames() -> Frames:
+    return Frames(
+        np.full(2, PLACED),
+        np.zeros((2, ROWS), dtype=np.int64),
+        np.zeros((2, ROWS, 2)),
+        np.zeros((2, ROWS)),
+        np.zeros((2, ROWS)),
+        np.zeros((2, ROWS)),
+        np.array([SLACK]),
+    )
+
+
+@kernel
+def _set_pair(frames: Frames, leg: int, source: int, size: float, direction: tuple[float, float]) -> None:
+    """Let the two quantities from `source` on enter two rows, those numbered alike, turned and scaled."""
+    c, s = direction
+    for row in range(source, source + 2):
+        frames.sources[leg, row], frames.sizes[leg, row] = source, abs(size)
+    frames.factors[leg, source, 0], frames.factors[leg, source, 1] = size * c, -size * s
+    frames.factors[leg, source + 1, 0], frames.factors[leg, source + 1, 1] = size * s, size * c
 
 
 def make_frames(legs: Array, inputs: Array, load: Array) -> Frames:
     """Return the frames for a mechanism of two legs: force of both less the load, tip of the first less the second."""
-    frames = Frames(np.empty((2, 2)), np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 4)), np.array([SLACK]))
+    frames = _new_frames()
     _fill_frames(legs, inputs, load, frames)
     return frames
 
 
 @kernel
 def _fill_frames(legs: Array, inputs: Array, load: Array, frames: Frames) -> None:
+    _set_load(load, frames)
     for leg in range(2):
         turned = legs[leg, TURN] * inputs[leg]
         angle = legs[leg, CLAMP_ANGLE] + turned
-        frames.turn[leg, 0], frames.turn[leg, 1] = math.cos(angle), math.sin(angle)
+        direction = math.cos(angle), math.sin(angle)
         # the angle's own rounding turns everything
         frames.relative_slack[0] += SLACK * (abs(legs[leg, CLAMP_ANGLE]) + abs(turned))
         length, sign = legs[leg, LENGTH], 1.0 - 2.0 * leg
-        force = legs[leg, STIFFNESS] / (length * length)
+        _set_pair(frames, leg, 0, legs[leg, STIFFNESS] / (length * length), direction)
+        _set_pair(frames, leg, 2, sign * length, direction)
         for k, base, axis in ((0, BASE_X, AXIS_X), (1, BASE_Y, AXIS_Y)):
-            frames.factors[leg, k], frames.factors[leg, 2 + k] = force, sign * length
-            frames.offsets[leg, k] = -load[k] if leg == 0 else 0.0
-            frames.slacks[leg, k] = SLACK * abs(frames.offsets[leg, k])
             slide = legs[leg, axis] * inputs[leg]
             frames.offsets[leg, 2 + k] = sign * (legs[leg, base] + slide)
             frames.slacks[leg, 2 + k] = SLACK * (abs(legs[leg, base]) + abs(inputs[leg]))
 
 
 @kernel
+def _set_load(load: Array, frames: Frames) -> None:
+    for k in range(2):
+        frames.offsets[0, k], frames.slacks[0, k] = -load[k], SLACK * abs(load[k])
+
+
+def make_inverse_frames(legs: Array, pose: Array, load: Array) -> Frames:
+    """Return the frames for two legs at a pose: force of both less the load, and how far each leg misses its hinge."""
+    frames = _new_frames()
+    _fill_inverse_frames(legs, pose, load, frames)
+    return frames
+
+
+@kernel
+def _fill_inverse_frames(legs: Array, pose: Array, load: Array, frames: Frames) -> None:
+    """Fill the frames for the inverse problem.
+
+    A slider closes where the tip is on the line that its axis leads through the hinge. A motor closes where |p| is the
+    distance of the hinge from it, and turns p, and f with it, into the direction of the hinge.
+    """
+    _set_load(load, frames)
+    for leg in range(2):
+        length, row = legs[leg, LENGTH], 2 + leg
+        force = legs[leg, STIFFNESS] / (length * length)
+        away_x, away_y = pose[0] - legs[leg, BASE_X], pose[1] - legs[leg, BASE_Y]
+        rounding = SLACK * (abs(pose[0]) + abs(pose[1]) + abs(legs[leg, BASE_X]) + abs(legs[leg, BASE_Y]))
+        frames.sources[leg, 2:] = 2
+        if legs[leg, TURN] != 0.0:
+            frames.kinds[leg] = TURNABLE
+            away = math.hypot(away_x, away_y)
+            frames.relative_slack[0] += 2.0 * rounding / away
+            _set_pair(frames, leg, 0, force * length / away, (away_x / away, away_y / away))
+            frames.sources[leg, 2:] = 2
+            frames.factors[leg, row, 0], frames.sizes[leg, row] = 1.0, 1.0
+            frames.offsets[leg, row] = -(away / length) * (away / length)
+            frames.slacks[leg, row] = (2.0 * away + rounding) * rounding / (length * length) + SLACK * away * away
+            continue
+        angle = legs[leg, CLAMP_ANGLE]
+        c, s, x, y = math.cos(angle), math.sin(angle), legs[leg, AXIS_X], legs[leg, AXIS_Y]
+        frames.relative_slack[0] += SLACK * abs(angle)
+        _set_pair(frames, leg, 0, force, (c, s))
+        frames.factors[leg, row, 0], frames.factors[leg, row, 1] = length * (x * s - y * c), length * (x * c + y * s)
+        frames.sizes[leg, row] = length * (abs(x) + abs(y))
+        frames.offsets[leg, row] = y * away_x - x * away_y
+        frames.slacks[leg, row] = (abs(x) + abs(y)) * rounding
+
+
+@kernel
 def set_contribution(frames: Frames, leg: int, models: Array, out: Array) -> None:
     """Fill `out` (4, 5) with what a leg adds to the equations, from the unit rod's models (4, 4)."""
-    c, s = frames.turn[leg, 0], frames.turn[leg, 1]
-    for pair in range(0, ROWS, 2):
-        x, y = models[pair], models[pair + 1]
-        size = 0.0
-        for column in range(4):
-            size += abs(x[column]) + abs(y[column])
-        for row in range(pair, pair + 2):
-            along_x, along_y = (c, -s) if row == pair else (s, c)
-            factor, target = frames.factors[leg, row], out[row]
-            target[CENTER] = frames.offsets[leg, row] + factor * (along_x * x[CENTER] + along_y * y[CENTER])
-            target[ALONG] = factor * (along_x * x[ALONG] + along_y * y[ALONG])
-            target[ACROSS] = factor * (along_x * x[ACROSS] + along_y * y[ACROSS])
-            remainder = abs(along_x) * x[REMAINDER] + abs(along_y) * y[REMAINDER]
-            rounding = frames.relative_slack[0] * abs(factor) * size + frames.slacks[leg, row]
-            target[REMAINDER] = (abs(factor) * remainder + rounding) * (1.0 + SLACK)
-            spread = abs(target[ALONG]) + abs(target[ACROSS]) + target[REMAINDER]
-            target[SPREAD] = spread * (1.0 + SLACK) + SLACK * abs(target[CENTER])
+    for row in range(ROWS):
+        source, target = frames.sources[leg, row], out[row]
+        x, y = models[source], models[source + 1]
+        by_x, by_y = frames.factors[leg, row, 0], frames.factors[leg, row, 1]
+        target[CENTER] = frames.offsets[leg, row] + (by_x * x[CENTER] + by_y * y[CENTER])
+        target[ALONG] = by_x * x[ALONG] + by_y * y[ALONG]
+        target[ACROSS] = by_x * x[ACROSS] + by_y * y[ACROSS]
+        size = abs(x[CENTER]) + abs(x[ALONG]) + abs(x[ACROSS]) + abs(y[CENTER]) + abs(y[ALONG]) + abs(y[ACROSS])
+        if frames.sizes[leg, row] == 0.0:  # the other leg's equation
+            target[REMAINDER] = 0.0
+        else:
+            remainder = abs(by_x) * x[REMAINDER] + abs(by_y) * y[REMAINDER]
+            size += x[REMAINDER] + y[REMAINDER]
+            rounding = frames.relative_slack[0] * frames.sizes[leg, row] * size + frames.slacks[leg, row]
+            target[REMAINDER] = (remainder + rounding) * (1.0 + SLACK)
+        spread = abs(target[ALONG]) + abs(target[ACROSS]) + target[REMAINDER]
+        target[SPREAD] = spread * (1.0 + SLACK) + SLACK * abs(target[CENTER])

@@ -183,18 +183,44 @@ def reciprocal(a: Model) -> Model:
 
 
 @kernel
-def cosine_and_sine(angle: float, half_width: float) -> tuple[Model, Model]:
-    """Return cos and sin of angle + t half_width."""
-    c, s = math.cos(angle), math.sin(angle)
-    square = 0.5 * half_width * half_width
-    cubic = half_width * square / 3.0
-    quartic = 0.25 * half_width * cubic
-    cosine = Model(c, 0.0, -s * half_width, 0.0, 0.0, -c * square, 0.0, 0.0, 0.0, s * cubic, 0.0)
-    sine = Model(s, 0.0, c * half_width, 0.0, 0.0, -s * square, 0.0, 0.0, 0.0, -c * cubic, 0.0)
-    slope = half_width + square + cubic
-    cosine_error = LIBRARY * (abs(c) + abs(s) * slope + abs(c) * slope) + quartic * min(1.0, abs(c) + half_width)
-    sine_error = LIBRARY * (abs(s) + abs(c) * slope + abs(s) * slope) + quartic * min(1.0, abs(s) + half_width)
-    return widen(cosine, cosine_error), widen(sine, sine_error)
+def along_s(center: float, slope: float, remainder: float) -> Model:
+    """Return the model of center + s slope, within remainder."""
+    return Model(center, slope, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, remainder)
+
+
+@kernel
+def along_t(center: float, slope: float, remainder: float) -> Model:
+    """Return the model of center + t slope, within remainder."""
+    return Model(center, 0.0, slope, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, remainder)
+
+
+@kernel
+def cosine_and_sine(angle: Model) -> tuple[Model, Model]:
+    """Return cos and sin of an angle."""
+    part = Model(
+        0.0,
+        angle.s,
+        angle.t,
+        angle.ss,
+        angle.st,
+        angle.tt,
+        angle.sss,
+        angle.sst,
+        angle.stt,
+        angle.ttt,
+        angle.remainder,
+    )
+    size = radius(part)
+    square, cube = size * size, size * size * size
+    part_square = multiply(part, part)
+    cos_part = widen(shift(scale(-0.5, part_square), 1.0), square * square / 24.0)
+    sin_part = widen(subtract(part, scale(1.0 / 6.0, multiply(part_square, part))), cube * square / 120.0)
+    c, s = math.cos(angle.center), math.sin(angle.center)
+    cosine, sine = widen(constant(c), LIBRARY * abs(c)), widen(constant(s), LIBRARY * abs(s))
+    return (
+        subtract(multiply(cosine, cos_part), multiply(sine, sin_part)),
+        add(multiply(sine, cos_part), multiply(cosine, sin_part)),
+    )
 
 
 @kernel

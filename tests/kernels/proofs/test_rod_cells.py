@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcm_gym.kernels.enumeration.cells import node_offset
-from pcm_gym.kernels.proofs.rod_cells import UnitCells, make_frames, make_unit_cells, set_contribution
+from pcm_gym.kernels.proofs.rod_cells import PLACED, UnitCells, make_frames, make_unit_cells, set_contribution
 from pcm_gym.kernels.rods.rod import rod
 
 RHO_MAX, LEVELS = 9.0, 6
@@ -14,7 +14,7 @@ RHO_MAX, LEVELS = 9.0, 6
 
 @pytest.fixture(scope="module")
 def cells() -> UnitCells:
-    return make_unit_cells(LEVELS, RHO_MAX)
+    return make_unit_cells(LEVELS, RHO_MAX, PLACED)
 
 
 def some_loads(count: int) -> np.ndarray:

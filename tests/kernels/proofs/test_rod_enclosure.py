@@ -13,8 +13,10 @@ from pcm_gym.kernels.proofs.rod_enclosure import (
     enclose_rod,
     enclose_rod_derivatives,
     enclose_slightly_loaded,
+    enclose_turnable,
+    enclose_turnable_derivatives,
 )
-from pcm_gym.kernels.proofs.taylor_models import Model
+from pcm_gym.kernels.proofs.taylor_models import Model, along_s, along_t
 from pcm_gym.kernels.rods.rod import rod
 from tests.reference.precise_rod import rod_by_elliptic_functions
 
@@ -105,7 +107,7 @@ def test_derivatives_hold_those_of_the_rod(relative: float) -> None:
         point = rod(g_x, g_y)
         by_gx = point.tip_x_gx, point.tip_y_gx, point.force_x_gx, point.force_y_gx
         by_gy = point.tip_x_gy, point.tip_y_gy, point.force_x_gy, point.force_y_gy
-        by_rho, by_b = enclose_rod_derivatives(*box)
+        _, by_rho, by_b = enclose_rod_derivatives(along_s(box[0], box[1], 0.0), along_t(box[2], box[3], 0.0))
         for x, y, rho_model, b_model in zip(by_gx, by_gy, by_rho, by_b, strict=True):
             along = 2.0 * rho * (x * math.cos(b) - y * math.sin(b))
             across = -rho * rho * (x * math.sin(b) + y * math.cos(b))
@@ -113,6 +115,34 @@ def test_derivatives_hold_those_of_the_rod(relative: float) -> None:
             for model, value in ((rho_model, along), (b_model, across)):
                 assert not abs(float(at(model, s, t)) - value) > model.remainder + 1e-11 * (1.0 + size), (box, s, t)
                 assert relative > 0.0 or model.remainder < 1e-7 * (1.0 + size)
+
+
+@pytest.mark.parametrize("relative", [0.0, 1e-3, 0.03])
+def test_what_a_rod_does_in_any_direction_holds_that_of_the_rod(relative: float) -> None:
+    """p . f, p x f and |p|^2, and their derivatives, from tip, force and derivatives of the scalar code."""
+    rng = np.random.default_rng(10)
+    for box in boxes(500, relative, seed=6):
+        if box[0] < 0.1:
+            continue
+        s, t = rng.uniform(-1.0, 1.0, 2)
+        rho, b, g_x, g_y = polar(box, s, t)
+        point = rod(g_x, g_y)
+        p, f = np.array([point.tip_x, point.tip_y]), np.array([point.force_x, point.force_y])
+        chain = np.array(
+            [[2.0 * rho * math.cos(b), -(rho**2) * math.sin(b)], [-2.0 * rho * math.sin(b), -(rho**2) * math.cos(b)]]
+        )
+        p_z = np.reshape(point[4:8], (2, 2)) @ chain
+        f_z = np.reshape(point[8:12], (2, 2)) @ chain
+        truths = [[p @ f, p[0] * f[1] - p[1] * f[0], p @ p]]
+        for k in range(2):
+            cross = p_z[0, k] * f[1] + p[0] * f_z[1, k] - p_z[1, k] * f[0] - p[1] * f_z[0, k]
+            truths.append([p_z[:, k] @ f + p @ f_z[:, k], cross, 2.0 * p @ p_z[:, k]])
+        models = along_s(box[0], box[1], 0.0), along_t(box[2], box[3], 0.0)
+        size = (1.0 + rho * rho) * (1.0 + np.abs(chain).max())
+        for own, truth in zip([enclose_turnable(*models), *enclose_turnable_derivatives(*models)], truths, strict=True):
+            for model, value in zip(own, truth, strict=True):
+                assert not abs(float(at(model, s, t)) - value) > model.remainder + 1e-11 * size, (box, s, t)
+                assert relative > 0.0 or model.remainder < 1e-7 * size
 
 
 @pytest.mark.parametrize("largest", [1e-12, 1e-3, 0.05, 0.3, 0.9])

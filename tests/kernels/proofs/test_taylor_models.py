@@ -68,15 +68,24 @@ def test_the_reciprocal_of_what_may_vanish_is_unknown() -> None:
 def test_cosine_and_sine_enclose(angle: float, half_width: float, t: float) -> None:
     with mp.workdps(60):
         true_angle = mpf(angle) + mpf(t) * mpf(half_width)
-        cosine, sine = tm.cosine_and_sine(angle, half_width)
+        cosine, sine = tm.cosine_and_sine(tm.along_t(angle, half_width, 0.0))
         check(cosine, mpmath.cos(true_angle), 0.0, t)
         check(sine, mpmath.sin(true_angle), 0.0, t)
+
+
+@given(models(), parts, places, places)
+def test_cosine_and_sine_of_models_enclose(a: Model, part: float, s: float, t: float) -> None:
+    with mp.workdps(60):
+        true_angle = polynomial(a, s, t) + mpf(part) * mpf(a.remainder)
+        cosine, sine = tm.cosine_and_sine(a)
+        check(cosine, mpmath.cos(true_angle), s, t)
+        check(sine, mpmath.sin(true_angle), s, t)
 
 
 @pytest.mark.parametrize("width", [0.2, 0.02])
 def test_remainders_are_of_fourth_order(width: float) -> None:
     def remainder(width: float) -> float:
-        cosine, sine = tm.cosine_and_sine(0.7, width)
+        cosine, sine = tm.cosine_and_sine(tm.along_s(0.7, width, 0.0))
         return tm.multiply(tm.reciprocal(cosine), sine).remainder
 
     assert math.log2(remainder(width) / remainder(width / 2.0)) == pytest.approx(4.0, abs=0.5)
