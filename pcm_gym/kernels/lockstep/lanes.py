@@ -155,7 +155,8 @@ def _finish(legs: Array, block: Block, count: int, dof: int) -> None:
     _set_residual(block, count)
     judge_block(block, count, dof)
     for lane in range(count):
-        keep_if(common, lane, residual(common, lane) < _RESIDUAL_LIMIT)
+        common.error[lane] = residual(common, lane)
+        keep_if(common, lane, common.error[lane] < _RESIDUAL_LIMIT)
 
 
 @kernel

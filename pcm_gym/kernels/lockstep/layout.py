@@ -90,6 +90,7 @@ class CommonLanes:
     size: Array = _runs()  # of the last correction
     previous: Array = _runs()  # of the one before
     closure_error: Array = _runs()
+    error: Array = _runs()  # the largest of closure and equilibrium
     largest_force: Array = _runs()
     index: Array = _runs()
     index_before: Array = _runs()  # at the start of the step
