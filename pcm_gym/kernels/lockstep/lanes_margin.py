@@ -63,6 +63,8 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
             _add_slope(legs[i, TURN], block.legs[i], common, count, mode)
         _close_mode(common, count, mode)
     for i in range(legs.shape[0]):
+        _set_driven(block.legs[i], common, count)
+    for i in range(legs.shape[0]):
         common.squared_slope[:count] = 0.0
         for driver in range(legs.shape[0]):
             part = 1.0 if driver == i else 0.0
@@ -99,22 +101,14 @@ def _set_curvature(leg: LegLanes, count: int) -> None:
 
 @kernel
 def _set_drive(actuator: Actuator, leg: LegLanes, common: CommonLanes, count: int) -> None:
-    """Fill what the leg's own input does to rod and end-effector, and the inverse of the rod's derivatives."""
+    """Fill what the leg's own input does while the end-effector is held, and the inverse of the rod's derivatives."""
     for lane in range(count):
         rate, turned_force = input_rate(actuator, 1.0, pair(leg.tip, lane), pair(leg.force, lane))
         pull, arm = pull_of(triple(leg.stiffness, lane), rate), pair(leg.arm, lane)
         force_x, force_y = pull[0] - turned_force[0], pull[1] - turned_force[1]
-        move_x = move_y = turn = 0.0
         for n in range(3):
-            x, y, phi = vector(common.axes, n, lane)
-            hinge = hinge_move((x, y, phi), arm)
-            drive = hinge[0] * force_x + hinge[1] * force_y
-            part = drive * common.compliances[n, lane]
-            move_x += x * part
-            move_y += y * part
-            turn += phi * part
-            leg.drive[n, lane] = drive
-        set_triple(leg.driven, lane, (move_x, move_y, turn))
+            hinge = hinge_move(vector(common.axes, n, lane), arm)
+            leg.drive[n, lane] = hinge[0] * force_x + hinge[1] * force_y
         set_pair(leg.rate, lane, rate)
         set_derivatives(leg.g_tip, lane, inverse_of(derivatives(leg.tip_g, lane)))
 
@@ -189,6 +183,20 @@ def _close_mode(common: CommonLanes, count: int, mode: int) -> None:
         common.greatest[lane] += abs(compliance)
         distance = fold_distance(own, 1.0, math.sqrt(common.squared_slope[lane]))
         common.singularity_margin[lane] = min(common.singularity_margin[lane], distance)
+
+
+@kernel
+def _set_driven(leg: LegLanes, common: CommonLanes, count: int) -> None:
+    """Fill how the end-effector moves with the leg's own input; takes the place of the second derivatives."""
+    for lane in range(count):
+        move_x = move_y = turn = 0.0
+        for n in range(3):
+            x, y, phi = vector(common.axes, n, lane)
+            part = leg.drive[n, lane] * common.compliances[n, lane]
+            move_x += x * part
+            move_y += y * part
+            turn += phi * part
+        set_triple(leg.driven, lane, (move_x, move_y, turn))
 
 
 @kernel

@@ -62,7 +62,7 @@ class LegLanes:
     g_tip: Array = _runs(4, over=("tip_g",))  # derivatives of g by the tip
     rate: Array = _runs(2, over=("tip",))  # of the tip with the leg's own input, g held
     drive: Array = _runs(3)  # force of the leg's own input along each eigenvector
-    driven: Array = _runs(3)  # motion of the end-effector with the leg's own input
+    driven: Array = _runs(3, over=("force_g",))  # motion of the end-effector with the leg's own input
 
 
 class CommonLanes:

@@ -14,8 +14,7 @@ from pcm_gym.kernels.rods.rod import LARGEST_LOAD, SERIES_LOAD, Functions, base_
 # Keeps the ratio of two vanishing numbers finite.
 _LEAST_PARAMETER = 1e-300
 
-# Four quadratic forms in the parts of g's velocity along g and across it, times |g|: the coefficients of the square of
-# the first, of their product, and of the square of the second; and the values of the forms.
+# Four quadratic forms in the rates of rho and b, by their coefficients of rho rho, rho b and b b; and their values.
 Form = tuple[float, float, float]
 Curvature = tuple[Form, Form, Form, Form]
 Bend = tuple[float, float, float, float]
@@ -87,7 +86,7 @@ def _amplitude_lag(rho: float, kappa: float, kappa_c: float, functions: Function
 
 @formula
 def rod_curvature(g_x: float, g_y: float, functions: Functions, lag: float) -> Curvature:
-    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, along paths, see `bend`.
+    """Return the second derivatives of tip (x, y) and force (x, y), clamp's frame, by rho and b, see `bend`.
 
     `functions` are Jacobi's at (rho | m), and `lag` is -(d am / dm) / dn there. Not for |g| < 0.05.
     """
@@ -120,24 +119,17 @@ def rod_curvature(g_x: float, g_y: float, functions: Functions, lag: float) -> C
     force_x = (2.0 - turn_11 * load, -turn_12 * load, -turn_22 * load)
     force_y = (-4.0 * beta_u * rho - sin_0 * load, -4.0 * eta * rho - 2.0 * eta_u * load, -eta_b * load)
 
-    # rates of rho and b, over the parts of g's velocity times |g|
-    rho_t, b_t = 0.5 / (load * rho), 1.0 / (load * load)
-    scales = rho_t * rho_t, rho_t * b_t, b_t * b_t
     return (
-        _turned_form(tip_x, tip_y, cos_0, sin_0, scales),
-        _turned_form(tip_y, tip_x, cos_0, -sin_0, scales),
-        _turned_form(force_x, force_y, cos_0, sin_0, scales),
-        _turned_form(force_y, force_x, cos_0, -sin_0, scales),
+        _turned_form(tip_x, tip_y, cos_0, sin_0),
+        _turned_form(tip_y, tip_x, cos_0, -sin_0),
+        _turned_form(force_x, force_y, cos_0, sin_0),
+        _turned_form(force_y, force_x, cos_0, -sin_0),
     )
 
 
 @formula
-def _turned_form(own: Form, other: Form, c: float, s: float, scales: Form) -> Form:
-    return (
-        (c * own[0] + s * other[0]) * scales[0],
-        (c * own[1] + s * other[1]) * scales[1],
-        (c * own[2] + s * other[2]) * scales[2],
-    )
+def _turned_form(own: Form, other: Form, c: float, s: float) -> Form:
+    return c * own[0] + s * other[0], c * own[1] + s * other[1], c * own[2] + s * other[2]
 
 
 @formula
@@ -146,8 +138,10 @@ def bend(g_x: float, g_y: float, curvature: Curvature, step_x: float, step_y: fl
 
     The path leaves g with the velocity (step_x, step_y), and rho and b change along it at constant rates.
     """
-    along, across = g_x * step_x + g_y * step_y, g_y * step_x - g_x * step_y
-    first, mixed, second = along * along, along * across, across * across
+    square = g_x * g_x + g_y * g_y
+    load = math.sqrt(square)
+    rho_t, b_t = 0.5 * (g_x * step_x + g_y * step_y) / (load * math.sqrt(load)), (g_y * step_x - g_x * step_y) / square
+    first, mixed, second = rho_t * rho_t, rho_t * b_t, b_t * b_t
     return (
         curvature[0][0] * first + curvature[0][1] * mixed + curvature[0][2] * second,
         curvature[1][0] * first + curvature[1][1] * mixed + curvature[1][2] * second,

@@ -102,15 +102,15 @@ def fold_distance(stiffness: float, compliance: float, slope: float) -> float:
 
     `slope` is stiffness compliance |grad k| of them: of the eigenvalue if the compliance is 1, otherwise c^3 |grad k|.
     """
-    ratio = stiffness * (1.0 / STIFF)  # a product takes less time than a ratio
+    ratio = stiffness / STIFF
     distance = 0.5 * stiffness * stiffness * (compliance * compliance + ratio * ratio)
-    return distance / max(slope, distance * (1.0 / FARTHEST), _LEAST_SLOPE)
+    return distance / max(slope, distance / FARTHEST, _LEAST_SLOPE)
 
 
 @formula
 def on_safe_side(distance: float, squared_rate: float) -> float:
     """Return the margin from this distance, and the squared rate by the inputs of the load that changes fastest."""
-    reach = distance * math.sqrt(squared_rate) * (1.0 / LOAD_CHANGE)
+    reach = distance * math.sqrt(squared_rate) / LOAD_CHANGE
     root = 1.0 + math.sqrt(reach if distance > 0.0 else 0.0)  # the rate has a pole at a fold
     return distance / (root * root)
 
