@@ -46,8 +46,8 @@ class EnvironmentArguments(TypedDict, total=False):
     max_action : float or array_like (legs,), optional
         Increment of each input for an action of 1; 0.1 rad or 0.03 mean rod lengths by default.
     singular_margin : float, optional
-        Threshold of `cost_singular`: distance of the nearest fold in the space of the inputs, estimated on the safe
-        side, in rad and mean rod lengths; by default half of the agent's smallest step.
+        Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
+        rod lengths; by default half of the agent's smallest step.
     load : array_like (d,) or (2, d), optional
         Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
         at each reset.

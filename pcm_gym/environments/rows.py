@@ -34,8 +34,7 @@ class Info(TypedDict):
     stability_margin : float
         Least eigenvalue of the dimensionless stiffness (EI = L = 1). Of an unstable state it proves nothing.
     singularity_margin : float
-        Distance of the nearest fold in the space of the inputs, estimated on the safe side, in rad and mean rod
-        lengths, at most 10.
+        Estimated distance of the nearest fold in the space of the inputs, in rad and mean rod lengths, at most 10.
     residual : float
         Largest error of closure, in mean rod lengths, or of equilibrium, relative to 1 + force.
     event : int

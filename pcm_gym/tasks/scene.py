@@ -27,6 +27,8 @@ from pcm_gym.tasks.memory import remembered
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
+# Starts and goals keep this many times the margin below which a state counts as nearly singular.
+_RESERVE = 1.5
 _MOST_ROWS = 10_000_000
 
 
@@ -66,6 +68,11 @@ class Scene:
         if self.origin is not None and instance_of("origin", self.origin, Equilibrium).mechanism != mechanism:
             raise ValueError(f"origin must be an Equilibrium of {mechanism.name!r}, got {shown(self.origin)}")
 
+    @property
+    def reserve(self) -> float:
+        """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
+        return _RESERVE * self.margin
+
     @cached_property
     def pitch(self) -> tuple[float, ...]:
         """Steps between the nodes of the roadmap, dimensionless: the agent's steps, or larger ones."""
@@ -85,12 +92,12 @@ class Scene:
 
     @property
     def roadmap(self) -> Roadmap:
-        """What stable paths with the margin reach from the origin, or else from home, step by step of the agent.
+        """What stable paths with the reserve reach from the origin, or else from home, step by step of the agent.
 
         Raises
         ------
         ValueError
-            If that equilibrium does not keep the margin.
+            If that equilibrium does not keep the reserve.
         """
         return _roadmap(self)
 
@@ -134,7 +141,7 @@ class Scene:
         """Walk some of the agent's steps towards random inputs within the limits, in place.
 
         `numbers` from [0, 1), (n, 1 + legs), decide how many steps of `steps_range` and where to. A walk ends before
-        the first step that would lose stability or come under the margin.
+        the first step that would lose stability or come under the reserve.
         """
         numbers, (lowest, span) = self._checked(numbers, threads, 1), self._walked_range
         self._check_states(states, len(numbers))
@@ -171,11 +178,11 @@ class Scene:
             finite_array(f"states.{name}", array, shape)
 
     def _walk(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
-        legs = self.mechanism.leg_table
+        legs, reserve = self.mechanism.leg_table, self.reserve
 
         def part(first: int, last: int) -> None:
             rows = States(*(array[first:last] for array in states))
-            walk(legs, rows, targets[first:last], stride, steps[first:last], self.margin)
+            walk(legs, rows, targets[first:last], stride, steps[first:last], reserve)
 
         run_all(pieces_of(part, len(steps), threads), threads)
 
@@ -211,12 +218,12 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
     seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.margin)
+    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
     if not len(roadmap):
         name = "home" if scene.origin is None else "option equilibrium"
         raise ValueError(
-            f"{name} must keep the singularity margin of starts and goals, {scene.margin:.3g}, to the middle of its "
-            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is "
-            "singular_margin, by default half of the least max_action: one of these must be smaller"
+            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
+            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is {_RESERVE} "
+            "times singular_margin, by default half of the least max_action: one of these must be smaller"
         )
     return roadmap

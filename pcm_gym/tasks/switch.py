@@ -92,7 +92,7 @@ def switches(scene: Scene, difficulty: SwitchDifficulty) -> Switches:
         raise ValueError(
             f"difficulty must not be {difficulty!r} for mechanism {scene.mechanism.name!r}: it has no two stable "
             f"equilibria {where} with {way} from one to the other in up to {_LONGEST_WAY} steps, each with a "
-            f"singularity margin of at least {scene.margin:.3g}"
+            f"singularity margin of at least {scene.reserve:.3g}"
         )
     return found
 
@@ -138,7 +138,7 @@ class _Chart:
 
     def __init__(self, scene: Scene, difficulty: SwitchDifficulty, seeds: list[Equilibrium]) -> None:
         step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.margin)
+        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
         self._may_fall = difficulty == "fall"
         self._falls = find_falls(self.roadmap) if self._may_fall and len(self.roadmap) else None
         self._most = _LONGEST_WAY / scene.steps_per_way

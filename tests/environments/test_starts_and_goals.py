@@ -104,7 +104,7 @@ def test_starts_and_goals_are_spread_evenly_over_the_poses_of_every_sheet(name: 
     scene = scene_of(env)
     atlas = pcm_gym.build_atlas(scene.mechanism, pitch=0.05, input_cells=48, seed_nodes=4, progress=False)
     sampled = atlas.sample(np.random.default_rng(0), 6000, branch=atlas.home_branch)
-    clear = np.array([equilibrium.singularity_margin >= scene.margin for equilibrium in sampled])
+    clear = np.array([equilibrium.singularity_margin >= scene.reserve for equilibrium in sampled])
     expected = np.array([equilibrium.pose for equilibrium in sampled])[clear]
     for key in ("achieved_goal", "desired_goal"):
         found = scene.mechanism.units.length * observation[key]
@@ -219,7 +219,7 @@ def test_a_stable_way_leads_to_the_other_equilibrium(environment_id: str) -> Non
         env.reset(seed=seed)
         start = env.equilibrium
         step = np.array(scene.stride) * env.mechanism.units.inputs
-        roadmap = pcm_gym.build_roadmap(env.mechanism, [start], step=step, least_margin=scene.margin)
+        roadmap = pcm_gym.build_roadmap(env.mechanism, [start], step=step, least_margin=scene.reserve)
         ends: list[int] = np.flatnonzero(roadmap.cells == roadmap.cells[roadmap.seeds[0]]).tolist()
         goal = next(node for node in ends if np.allclose(roadmap.equilibrium(node).pose, env.goal, atol=1e-6))
         way = roadmap.way(roadmap.seeds[0], goal)
@@ -237,7 +237,7 @@ def test_a_fall_leads_to_goals_that_no_stable_way_leads_to(name: str) -> None:
     for seed in range(6):
         env.reset(seed=seed)
         ends = [env.equilibrium, env.witness]
-        roadmap = pcm_gym.build_roadmap(env.mechanism, ends, step=step, least_margin=scene.margin)
+        roadmap = pcm_gym.build_roadmap(env.mechanism, ends, step=step, least_margin=scene.reserve)
         start, goal = roadmap.seeds
         if roadmap.components[start] == roadmap.components[goal]:
             assert np.isinf(roadmap.step_counts([start], most=80.0 / scene.steps_per_way)[0][0, goal])

@@ -18,7 +18,6 @@ from pcm_gym.kernels.lockstep.layout import (
     derivatives,
     functions_of,
     pair,
-    set_derivatives,
     set_pair,
     set_triple,
     set_vector,
@@ -27,19 +26,18 @@ from pcm_gym.kernels.lockstep.layout import (
 )
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.rods.curvature import bend, lag_in_lanes, rod_curvature
-from pcm_gym.kernels.statics.closure import LENGTH, STIFFNESS, TURN, actuator_of
+from pcm_gym.kernels.statics.closure import LENGTH, STIFFNESS, actuator_of
 from pcm_gym.kernels.statics.formulas import (
     Actuator,
     Pair,
-    applied,
     force_unit,
     hinge_move,
     input_rate,
-    inverse_of,
     moment,
     pull_of,
+    step_from_tip,
 )
-from pcm_gym.kernels.statics.margin import FARTHEST, Yielding, cubic_share, fold_distance, on_safe_side, placed_bend
+from pcm_gym.kernels.statics.margin import FARTHEST, Yielding, cubic_share, fold_distance, placed_bend
 
 # Where the eigenvalues stand among the six numbers of the diagonal matrix: xx, yy and zz.
 _DIAGONAL = (0, 2, 5)
@@ -49,10 +47,12 @@ _DIAGONAL = (0, 2, 5)
 def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
     """Fill the singularity margin of lanes that are evaluated and judged; leaves their verdict and error alone."""
     common = block.common[0]
-    _begin(common, count)
+    common.singularity_margin[:count] = FARTHEST
+    common.foreseen[:count] = 0.0
+    common.greatest[:count] = 0.0
+    common.is_clear[:count] = 1.0
     for i in range(legs.shape[0]):
         _set_curvature(block.legs[i], count)
-        _set_drive(actuator_of(legs, i), block.legs[i], common, count)
     for mode in range(dof):
         common.pull[:, :count] = 0.0
         for i in range(legs.shape[0]):
@@ -60,30 +60,8 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
             _differentiate(block.legs[i], common, count, mode, length, force_unit(length, legs[i, STIFFNESS]))
         _carry_along(common, count, mode)
         for i in range(legs.shape[0]):
-            _add_slope(legs[i, TURN], block.legs[i], common, count, mode)
+            _add_slope(actuator_of(legs, i), block.legs[i], common, count, mode)
         _close_mode(common, count, mode)
-    for i in range(legs.shape[0]):
-        _set_driven(block.legs[i], common, count)
-    for i in range(legs.shape[0]):
-        common.squared_slope[:count] = 0.0
-        for driver in range(legs.shape[0]):
-            part = 1.0 if driver == i else 0.0
-            _add_load_rate(block.legs[i], block.legs[driver], common, count, part)
-        _close_leg(common, count)
-    _close(common, count)
-
-
-@kernel
-def _begin(common: CommonLanes, count: int) -> None:
-    for lane in range(count):
-        common.compliances[0, lane] = 1.0 / common.eigenvalues[_DIAGONAL[0], lane]
-        common.compliances[1, lane] = 1.0 / common.eigenvalues[_DIAGONAL[1], lane]
-        common.compliances[2, lane] = 1.0 / common.eigenvalues[_DIAGONAL[2], lane]
-        common.singularity_margin[lane] = FARTHEST
-        common.foreseen[lane] = 0.0
-        common.greatest[lane] = 0.0
-        common.is_clear[lane] = 1.0
-        common.squared_rate[lane] = 0.0
 
 
 @kernel
@@ -97,20 +75,6 @@ def _set_curvature(leg: LegLanes, count: int) -> None:
         set_vector(leg.curvature, 1, lane, curvature[1])
         set_vector(leg.curvature, 2, lane, curvature[2])
         set_vector(leg.curvature, 3, lane, curvature[3])
-
-
-@kernel
-def _set_drive(actuator: Actuator, leg: LegLanes, common: CommonLanes, count: int) -> None:
-    """Fill what the leg's own input does while the end-effector is held, and the inverse of the rod's derivatives."""
-    for lane in range(count):
-        rate, turned_force = input_rate(actuator, 1.0, pair(leg.tip, lane), pair(leg.force, lane))
-        pull, arm = pull_of(triple(leg.stiffness, lane), rate), pair(leg.arm, lane)
-        force_x, force_y = pull[0] - turned_force[0], pull[1] - turned_force[1]
-        for n in range(3):
-            hinge = hinge_move(vector(common.axes, n, lane), arm)
-            leg.drive[n, lane] = hinge[0] * force_x + hinge[1] * force_y
-        set_pair(leg.rate, lane, rate)
-        set_derivatives(leg.g_tip, lane, inverse_of(derivatives(leg.tip_g, lane)))
 
 
 @formula
@@ -128,7 +92,7 @@ def _differentiate(leg: LegLanes, common: CommonLanes, count: int, mode: int, le
     for lane in range(count):
         axis, arm, own = vector(common.axes, mode, lane), pair(leg.arm, lane), triple(leg.stiffness, lane)
         tip = hinge_move(axis, arm)
-        bends = _bend(leg, lane, applied(derivatives(leg.g_tip, lane), tip), length, unit_force)
+        bends = _bend(leg, lane, step_from_tip(derivatives(leg.tip_g, lane), tip), length, unit_force)
         share = cubic_share(Yielding(axis[2], tip, pull_of(own, tip), bends), arm, pair(leg.force, lane))
         condensed = pull_of(own, share.by_pull)
         by_tip = (share.by_tip[0] + condensed[0], share.by_tip[1] + condensed[1])
@@ -142,29 +106,36 @@ def _differentiate(leg: LegLanes, common: CommonLanes, count: int, mode: int, le
 def _carry_along(common: CommonLanes, count: int, mode: int) -> None:
     """Fill the move with the inverse of K times the derivative by the pose, times the eigenvalue: finite at its fold.
 
-    It is left in the frame of the eigenvectors: beside a pole, where one eigenvalue is large, the adjugate would lose
-    the digits of the others.
+    It is put together from the eigenvectors, because beside a pole, where one eigenvalue is large, the adjugate would
+    lose the digits of the others.
     """
     for lane in range(count):
         pull = triple(common.pull, lane)
         own = common.eigenvalues[_DIAGONAL[mode], lane]
+        move_x = move_y = turn = 0.0
         for n in range(3):
             x, y, phi = vector(common.axes, n, lane)
-            ratio = 1.0 if n == mode else own * common.compliances[n, lane]
-            common.move[n, lane] = ratio * (x * pull[0] + y * pull[1] + phi * pull[2])
+            ratio = own / common.eigenvalues[_DIAGONAL[n], lane]
+            ratio = 1.0 if n == mode else ratio
+            part = ratio * (x * pull[0] + y * pull[1] + phi * pull[2])
+            move_x += x * part
+            move_y += y * part
+            turn += phi * part
+        set_triple(common.move, lane, (move_x, move_y, turn))
         common.squared_slope[lane] = 0.0
         common.along[lane] = 0.0
 
 
 @kernel
-def _add_slope(turn: float, leg: LegLanes, common: CommonLanes, count: int, mode: int) -> None:
+def _add_slope(actuator: Actuator, leg: LegLanes, common: CommonLanes, count: int, mode: int) -> None:
     """Add the squared derivative by the input of one leg along the sheet, times the squared eigenvalue."""
     diagonal = _DIAGONAL[mode]
     for lane in range(count):
-        move, drive = triple(common.move, lane), triple(leg.drive, lane)
-        rate, by_tip = pair(leg.rate, lane), pair(leg.by_tip, lane)
-        direct = turn * leg.by_clamp[lane] - by_tip[0] * rate[0] - by_tip[1] * rate[1]
-        slope = move[0] * drive[0] + move[1] * drive[1] + move[2] * drive[2]
+        hinge = hinge_move(triple(common.move, lane), pair(leg.arm, lane))
+        rate, turned_force = input_rate(actuator, 1.0, pair(leg.tip, lane), pair(leg.force, lane))
+        pull, by_tip = pull_of(triple(leg.stiffness, lane), rate), pair(leg.by_tip, lane)
+        direct = actuator.turn * leg.by_clamp[lane] - by_tip[0] * rate[0] - by_tip[1] * rate[1]
+        slope = hinge[0] * (pull[0] - turned_force[0]) + hinge[1] * (pull[1] - turned_force[1])
         slope += common.eigenvalues[diagonal, lane] * direct
         common.squared_slope[lane] += slope * slope
         common.along[lane] += slope * (leg.target[lane] - leg.input[lane])
@@ -172,7 +143,7 @@ def _add_slope(turn: float, leg: LegLanes, common: CommonLanes, count: int, mode
 
 @kernel
 def _close_mode(common: CommonLanes, count: int, mode: int) -> None:
-    """Reduce the distance to that of one eigenvalue, and see whether it vanished within the step."""
+    """Reduce the margin to that of one eigenvalue, and see whether it vanished within the step."""
     diagonal = _DIAGONAL[mode]
     for lane in range(count):
         own, along = common.eigenvalues[diagonal, lane], common.along[lane]
@@ -183,41 +154,3 @@ def _close_mode(common: CommonLanes, count: int, mode: int) -> None:
         common.greatest[lane] += abs(compliance)
         distance = fold_distance(own, 1.0, math.sqrt(common.squared_slope[lane]))
         common.singularity_margin[lane] = min(common.singularity_margin[lane], distance)
-
-
-@kernel
-def _set_driven(leg: LegLanes, common: CommonLanes, count: int) -> None:
-    """Fill how the end-effector moves with the leg's own input; takes the place of the second derivatives."""
-    for lane in range(count):
-        move_x = move_y = turn = 0.0
-        for n in range(3):
-            x, y, phi = vector(common.axes, n, lane)
-            part = leg.drive[n, lane] * common.compliances[n, lane]
-            move_x += x * part
-            move_y += y * part
-            turn += phi * part
-        set_triple(leg.driven, lane, (move_x, move_y, turn))
-
-
-@kernel
-def _add_load_rate(leg: LegLanes, driver: LegLanes, common: CommonLanes, count: int, part: float) -> None:
-    """Add the squared rate of a rod's load by the input of a leg, of which this part moves the rod's own clamp."""
-    for lane in range(count):
-        hinge, rate = hinge_move(triple(driver.driven, lane), pair(leg.arm, lane)), pair(leg.rate, lane)
-        tip = hinge[0] - part * rate[0], hinge[1] - part * rate[1]
-        step = applied(derivatives(leg.g_tip, lane), tip)
-        common.squared_slope[lane] += step[0] * step[0] + step[1] * step[1]
-
-
-@kernel
-def _close_leg(common: CommonLanes, count: int) -> None:
-    for lane in range(count):
-        common.squared_rate[lane] = max(common.squared_rate[lane], common.squared_slope[lane])
-
-
-@kernel
-def _close(common: CommonLanes, count: int) -> None:
-    """Turn the distance into the margin."""
-    for lane in range(count):
-        margin = on_safe_side(common.singularity_margin[lane], common.squared_rate[lane])
-        common.singularity_margin[lane] = margin

@@ -59,10 +59,6 @@ class LegLanes:
     curvature: Array = _runs(4, 3, over=("force_g", "dead_load_index", "clamp", "functions"))
     by_tip: Array = _runs(2, over=("right",))  # derivatives of v' K v, see `margin.Cubic`
     by_clamp: Array = _runs(over=("step",))
-    g_tip: Array = _runs(4, over=("tip_g",))  # derivatives of g by the tip
-    rate: Array = _runs(2, over=("tip",))  # of the tip with the leg's own input, g held
-    drive: Array = _runs(3)  # force of the leg's own input along each eigenvector
-    driven: Array = _runs(3, over=("force_g",))  # motion of the end-effector with the leg's own input
 
 
 class CommonLanes:
@@ -86,7 +82,6 @@ class CommonLanes:
     stiffness: Array = _runs(6)
     eigenvalues: Array = _runs(6)  # the stiffness made diagonal
     axes: Array = _runs(3, 3)  # its eigenvectors, one after the other
-    compliances: Array = _runs(3)  # the inverse eigenvalues
     size: Array = _runs()  # of the last correction
     previous: Array = _runs()  # of the one before
     closure_error: Array = _runs()
@@ -97,7 +92,6 @@ class CommonLanes:
     stability_margin: Array = _runs()
     singularity_margin: Array = _runs()
     squared_slope: Array = _runs()
-    squared_rate: Array = _runs()  # of the load that changes fastest with the inputs
     is_sound: Array = _runs()  # 1 or 0
     is_moving: Array = _runs()
 

@@ -171,14 +171,6 @@ def step_from_tip(tip_g: Derivatives, tip: Pair) -> Pair:
 
 
 @formula
-def inverse_of(tip_g: Derivatives) -> Derivatives:
-    """Return the derivatives of g by the tip: of g_x by x and y, of g_y by x and y."""
-    p_xx, p_xy, p_yx, p_yy = tip_g
-    inverse = 1.0 / (p_xx * p_yy - p_xy * p_yx)
-    return p_yy * inverse, -p_xy * inverse, -p_yx * inverse, p_xx * inverse
-
-
-@formula
 def pull_of(own: LegStiffness, tip: Pair) -> Pair:
     """Return A times a move of the tip."""
     return own[0] * tip[0] + own[1] * tip[1], own[1] * tip[0] + own[2] * tip[1]

@@ -1,17 +1,10 @@
-"""Singularity margin: how far, in the space of the inputs, a state is from the nearest fold of its sheet, or less.
+"""Singularity margin: about how far, in the space of the inputs, a state is from the nearest fold of its sheet.
 
-It is an estimate on the safe side. Near a fold the square of an eigenvalue k of the stiffness is linear in the inputs.
-If it were so everywhere, it would vanish at a distance of |k| / (2 |grad k|), the gradient taken along the sheet. The
-least of these over the eigenvalues, d, is at most `FARTHEST`. At a pole of the stiffness k grows beyond bounds within a
-short way, but without a fold. So the distances of stiff directions count for more, by 1 + (k / `STIFF`)^2.
-
-Farther away k falls earlier than that, the more so the faster the loads of the rods change with the inputs. With r the
-rate of the load that changes fastest, the margin is d / (1 + sqrt(r d / `LOAD_CHANGE`))^2. As r itself has a pole at a
-fold, the margin comes near d only with the fourth root of the distance; far away it stays below `LOAD_CHANGE` / r.
-
-That is calibrated and tested, not proved: no bound holds for every state. `LOAD_CHANGE` is chosen such that, of the
-states nearer to a fold than an environment's threshold, fewer than one in a hundred have a larger margin. The price is
-that it is often much less than the distance. `python -m benchmarks margins` judges it by `nearest_fold`.
+Near a fold the square of an eigenvalue k of the stiffness is linear in the inputs. If it were so everywhere, it would
+vanish at a distance of |k| / (2 |grad k|), the gradient taken along the sheet. The least of these distances over the
+eigenvalues is the margin: zero exactly at a fold, ever better towards it, and cut to `FARTHEST` where no fold is near.
+At a pole of the stiffness k grows beyond bounds within a short way, but without a fold. So the distances of stiff
+directions count for more, by 1 + (k / `STIFF`)^2.
 
 grad k is the third derivative of the reduced energy along (v, v, motion), v the eigenvector of k and motion that of the
 mechanism with one input. Here all of it is had from motions of the rods, which are smooth where the stiffness has
@@ -45,10 +38,8 @@ from pcm_gym.kernels.statics.closure import (
 )
 from pcm_gym.kernels.statics.formulas import Pair, applied, force_unit, moment, scaled, turned
 
-# Largest distance that is told, in rad or lengths.
+# Largest margin, in rad or lengths.
 FARTHEST = 10.0
-# Change of a rod's load, in EI / L^2, within which the square of an eigenvalue need not stay linear.
-LOAD_CHANGE = 3.6
 # Stiffness, in EI / L^3, that does not vanish within a short way.
 STIFF = 500.0
 # Keeps the ratio of two vanishing numbers finite.
@@ -98,21 +89,13 @@ def cubic_share(motion: Yielding, arm: Pair, force: Pair) -> Cubic:
 
 @formula
 def fold_distance(stiffness: float, compliance: float, slope: float) -> float:
-    """Return where the square of an eigenvalue k would vanish, k the ratio of a stiffness to a compliance, one being 1.
+    """Return the margin of one eigenvalue k, given as the ratio of a stiffness to a compliance, one of which is 1.
 
     `slope` is stiffness compliance |grad k| of them: of the eigenvalue if the compliance is 1, otherwise c^3 |grad k|.
     """
     ratio = stiffness / STIFF
     distance = 0.5 * stiffness * stiffness * (compliance * compliance + ratio * ratio)
     return distance / max(slope, distance / FARTHEST, _LEAST_SLOPE)
-
-
-@formula
-def on_safe_side(distance: float, squared_rate: float) -> float:
-    """Return the margin from this distance, and the squared rate by the inputs of the load that changes fastest."""
-    reach = distance * math.sqrt(squared_rate) / LOAD_CHANGE
-    root = 1.0 + math.sqrt(reach if distance > 0.0 else 0.0)  # the rate has a pole at a fold
-    return distance / (root * root)
 
 
 @kernel
@@ -125,14 +108,14 @@ def singularity_margin(legs: Array, x: Array, work: Workspace) -> float:
         return 0.0
     compliance, axes = yielding[:, 2 * leg_count :].copy(), np.empty((dof, dof))
     diagonalize(compliance, axes)
-    distance, motion = FARTHEST, np.empty(size)
+    margin, motion = FARTHEST, np.empty(size)
     for k in range(dof):
         motion[:] = 0.0
         for d in range(dof):
             motion += axes[d, k] * yielding[d]
         own = compliance[k, k]
-        distance = min(distance, fold_distance(1.0, own, abs(own) * _slope(legs, x, motion, driven, work)))
-    return on_safe_side(distance, _largest_load_rate(driven))
+        margin = min(margin, fold_distance(1.0, own, abs(own) * _slope(legs, x, motion, driven, work)))
+    return margin
 
 
 @kernel
@@ -154,16 +137,6 @@ def _set_motions(legs: Array, x: Array, work: Workspace, yielding: Array, driven
         solve_equilibrium_system(legs, x, right, work)
         driven[i] = work.step
     return True
-
-
-@kernel
-def _largest_load_rate(driven: Array) -> float:
-    """Return the squared rate of the load that changes fastest with the inputs, from the motions with each of them."""
-    largest = 0.0
-    for j in range(driven.shape[0]):
-        rates = driven[:, 2 * j : 2 * j + 2]
-        largest = max(largest, (rates * rates).sum())
-    return largest
 
 
 @kernel
