@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import combinations
 from operator import contains
@@ -302,6 +302,8 @@ class _Problem:
             Equilibrium.unchecked(self.mechanism, state, own, self.load)
             for state, own in zip(states, inputs, strict=True)
         ]
+        if certificate is not None:
+            certificate = replace(certificate, error=self.frame.state_error(certificate.error))
         reason = "" if equilibria else self._reason(families, obstacle)
         if self.modes is not None and equilibria:
             equilibria = [found for found in equilibria if all(map(contains, self.modes, found.modes))]

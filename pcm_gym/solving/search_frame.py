@@ -18,6 +18,8 @@ _FOREIGN, _FAR = 2.0, 100.0
 # Nearer than this to a motor, in rod lengths, no direction leads from it to the hinge: the search is made this far off.
 _LEAST_DISTANCE = 1e-6
 _WAYS = 8
+# Of the change of frame, relative to what goes into it.
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,14 @@ class SearchFrame:
         poses[..., :2] += self.origin
         states[pose] = self.mechanism.units.kernel_from_pose(poses)
         return states
+
+    def state_error(self, searched: float) -> float:
+        """Bound the errors of the mechanism's states and inputs by that of the search's, relative to 1 + their size."""
+        if self.is_own:
+            return searched
+        own, other = self.mechanism.units, self.searched.units
+        stretch = max(1.0, float(np.max(other.pose / own.pose)), float(np.max(other.inputs / own.inputs)))
+        return stretch * searched + _ROUNDING * (1.0 + stretch + float(np.abs(self.origin).max()) / own.length)
 
     def directions(self, searched: Array) -> Array:
         """Return orthonormal changes (k, size + legs) of state and inputs as such of the mechanism."""

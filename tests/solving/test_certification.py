@@ -1,13 +1,15 @@
 """Proofs of completeness: against the solver's own sets, searches by others, and problems whose answer is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pcm_gym.mechanism import get_mechanism
+from pcm_gym.mechanism import Mechanism, Rod, get_mechanism
 from pcm_gym.solving import BranchTracker, EquilibriumSet, Event, certification, solve_forward, solve_inverse
 from pcm_gym.solving.certification import Certificate, certify_forward, certify_inverse
+from pcm_gym.solving.search_frame import search_frame
 from tests.reference.mechanisms import find_equilibria
 from tests.solving.test_enumeration import Problem, largest_rho, two_motors, unmatched
 
@@ -182,6 +184,47 @@ class TestInverseProblems:
         """The rod then turns freely: a continuum."""
         monkeypatch.setattr(certification, "_MOST_EXAMINED", 5000)
         assert not certificate(solve_inverse(FOUR_WIDE, (0.35, 0.0), certify=True)).is_proved
+
+
+class TestForeignUnits:
+    """Mechanisms far from the origin, or with a reference rod unlike their own, are searched in a frame of its own."""
+
+    @staticmethod
+    def foreign(case: Problem, length: float, origin: np.ndarray) -> Mechanism:
+        """The mechanism of a case moved, with a reference rod of this length."""
+        legs = tuple(
+            replace(leg, actuator=replace(leg.actuator, base=tuple(origin + leg.actuator.base)))
+            for leg in case.mechanism.legs
+        )
+        return replace(case.mechanism, legs=legs, home_pose=None, reference=Rod(length, 1.0))
+
+    @pytest.mark.parametrize(("length", "away"), [(0.01, 0.0), (50.0, 0.0), (1.0, 1000.0), (0.01, 1000.0)])
+    def test_the_proof_is_that_of_the_mechanism_as_it_was(self, length: float, away: float) -> None:
+        case, origin = Problem(1), np.array([away, -0.5 * away])
+        foreign = self.foreign(case, length, origin)
+        for plain, found in (
+            (certified(case), solve_forward(foreign, case.inputs, case.load, RHO_MAX, certify=True)),
+            (
+                solve_inverse(case.mechanism, case.pose, case.load, RHO_MAX, certify=True),
+                solve_inverse(foreign, case.pose + origin, case.load, RHO_MAX, certify=True),
+            ),
+        ):
+            assert certificate(found).is_proved
+            assert certificate(found).proved_count == certificate(plain).proved_count == len(found) > 0
+            energies = np.array([e.energy for e in found]) + case.load @ origin  # the load's potential moves along
+            np.testing.assert_allclose(energies, [e.energy for e in plain], rtol=1e-6)
+
+    @pytest.mark.parametrize(("length", "away"), [(0.01, 0.0), (50.0, 0.0), (1.0, 1000.0), (0.01, 1000.0)])
+    def test_errors_are_bounded_in_the_units_of_the_mechanism(self, length: float, away: float) -> None:
+        """States of the search are moved by a known error, and then told as the mechanism's."""
+        rng, error = np.random.default_rng(0), 1e-6
+        frame = search_frame(self.foreign(Problem(1), length, np.array([away, -0.5 * away])))
+        assert not frame.is_own
+        searched = rng.normal(size=(500, 6)) * 10.0 ** rng.uniform(-3.0, 1.0, (500, 6))
+        moved = searched + rng.choice([-1.0, 1.0], searched.shape) * error * (1.0 + np.abs(searched))
+        states, others = frame.states(searched), frame.states(moved)
+        largest = np.max(np.abs(states - others) / (1.0 + np.abs(states)))
+        assert error * (1.0 - 1e-9) <= largest <= frame.state_error(error) * (1.0 + 1e-9)
 
 
 class TestKnownProblems:

@@ -244,5 +244,5 @@ class TestInterface:
             ValueError, match="equilibria must belong to the mechanism '2RFR', got one of '2PFR' in place 1"
         ):
             certify_path(start.mechanism, [start, other])
-        with pytest.raises(TypeError, match="equilibria must be of type Equilibrium, got 3 in place 1"):
+        with pytest.raises(TypeError, match="equilibria must be a sequence of Equilibrium, got 3 in it"):
             certify_path(start.mechanism, [start, 3])  # type: ignore[list-item]
