@@ -63,8 +63,8 @@ class LineRules(NamedTuple):
     least_arc: float = 1e-9
     largest_arc: float = 0.2
     least_cosine: float = 0.9  # of the angle between the tangents at both ends of a step
-    # Determinant of a state beyond which no arc leads: there the branch bifurcates. It turns back there, as at a fold,
-    # if the inputs have no larger share in the squared arc than this.
+    # Largest determinant of a state that may be a bifurcation. The branch turns back there, as at a fold, if the inputs
+    # have no larger share in the squared arc than this.
     singular: float = 1e-6
     share_at_fold: float = 1e-3
     first_crossing: float = 1e-8  # fraction by which a change of index is stepped over; four times that if in vain
@@ -330,6 +330,8 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, wo
         arc *= 0.5
     if arc >= _RULES.least_arc:
         return _GOES_ON
+    if refused_for == SOLVER_FAILURE:
+        return refused_for
     place_at(legs, line.y, line, work)
     if abs(singularity(legs, line.x, FORWARD, work)) > _RULES.singular:
         return refused_for

@@ -25,11 +25,11 @@ from pcm_gym.kernels.statics.margin import STIFF
 from pcm_gym.kernels.statics.newton import correction_size
 
 # Largest defect of a step, relative to its length.
-_LARGEST_DEFECT = 0.03
+_LARGEST_DEFECT = 0.01
 # Defects this small are rounding.
 _ROUNDING = 1e-10
 # Largest defect of the determinant, relative to the larger one of both ends.
-_LARGEST_SPREAD = 0.1
+_LARGEST_SPREAD = 0.05
 # The cubic must keep farther from zero than this many defects.
 _CLEARANCE = 1.0
 # Part of a step over which the rate of the determinant is differenced.

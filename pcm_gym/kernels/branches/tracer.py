@@ -37,8 +37,9 @@ from pcm_gym.kernels.statics.closure import (
 )
 from pcm_gym.kernels.statics.newton import CONVERGED, DIVERGED, NewtonRules, accept_correction, correction_size
 
-# A correction that is this small beside the arc is the last one.
-_NEGLIGIBLE = 1e-2
+# Beside a bifurcation rounding errors are magnified up to this: corrections do not fall below it there. That is accepted
+# where it is a small part of the arc.
+_LARGEST_ROUNDING, _NEGLIGIBLE = 1e-7, 1e-2
 
 # In place of a kind of singularity: the states of the curve need not be singular.
 REGULAR = -1
@@ -178,7 +179,7 @@ def correct(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Worksp
             return False
         size = _correction_size(legs, t, work)
         verdict = accept_correction(size, previous, iteration == 0, rules)
-        if verdict == DIVERGED and size < _NEGLIGIBLE * arc:  # beside a bifurcation rounding errors are magnified
+        if verdict == DIVERGED and size < min(_NEGLIGIBLE * arc, _LARGEST_ROUNDING):
             verdict = CONVERGED
         if verdict > CONVERGED:
             return False
