@@ -44,6 +44,9 @@ class Family:
     representative: Equilibrium
     directions: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        check_kinds(self, kind=FamilyKind, representative=Equilibrium, directions=np.ndarray)
+
     @property
     def dimension(self) -> int:
         """Number of directions: 1 for a curve, 2 for a surface."""

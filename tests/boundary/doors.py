@@ -398,6 +398,11 @@ def _of_resets(name: str) -> Iterator[Door]:
     yield Door("MechanismVectorEnv.reset", lambda **options: masked(seed=3, options=options), mask)
 
 
+def _with_budget(tests: float) -> float:
+    with pcm_gym.search_budget(tests):
+        return tests
+
+
 def _of_registration() -> Iterator[Door]:
     def register(**given: Any) -> Any:
         before = dict(gymnasium.registry)
@@ -409,6 +414,7 @@ def _of_registration() -> Iterator[Door]:
 
     registered = {"environment_id": "Test/Boundary-v0", "mechanism": "2RFR", "task": "Reach", "time_limit": 10}
     yield Door("register_environment", register, registered)
+    yield Door("search_budget", _with_budget, {"tests": 1e6})
     yield Door("register_environments", registration.register_environments)
     yield Door("environment_ids", pcm_gym.environment_ids)
     yield Door("register_task", pcm_gym.register_task, {"task": Reach, "name": "Reach"})

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import pcm_gym
-from pcm_gym.kernels.stepping.transition import GIVE_UP, step_batch
+from pcm_gym.kernels.stepping.transition import GIVE_UP, step_in_lanes
 from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
 
 NAMES = pcm_gym.mechanism_names()
@@ -215,7 +215,7 @@ def test_any_layout_is_taken_and_compiles_nothing_anew() -> None:
     expected = vars(batch.preview(actions))
     batch.step(actions[:, 0])
     batch.reset(seed=0)
-    dispatcher: Any = step_batch
+    dispatcher: Any = step_in_lanes
     compiled = len(dispatcher.signatures)
     for layout in layouts:
         assert_same(vars(batch.preview(layout)), expected)

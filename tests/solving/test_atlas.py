@@ -361,7 +361,7 @@ def damaged(motors: Atlas, path, **changes: np.ndarray | None) -> None:
     ("changes", "message"),
     [
         ({"version": np.array(99)}, "version 99"),
-        ({"version": None}, "version None"),
+        ({"version": None}, "version -1"),
         ({"format": None}, "not an atlas"),
         ({"mechanism": np.array("{}")}, "does not describe a mechanism"),
         ({"over_poses.rods": None}, "over_poses.rods"),

@@ -30,6 +30,8 @@ _LARGEST_DEFECT = 0.01
 _ROUNDING = 1e-10
 # Largest defect of the determinant, relative to the larger one of both ends.
 _LARGEST_SPREAD = 0.05
+# Beside a determinant at the other end so much larger, one is nothing.
+_NOTHING = 1e-6
 # The cubic must keep farther from zero than this many defects.
 _CLEARANCE = 1.0
 # Part of a step over which the rate of the determinant is differenced.
@@ -91,16 +93,20 @@ def is_one_branch(here: End, there: End, rate: float) -> bool:
     """
     defect = abs(there.value - here.value - 0.5 * (here.change + there.change))
     greatest = max(abs(here.value), abs(there.value))
-    has_turned = (here.value > 0.0) != (there.value > 0.0)
+    has_turned = ((here.value > 0.0) != (there.value > 0.0)) & (abs(here.value) > _NOTHING * greatest)
     return (has_turned == (rate <= 0.0)) & (defect <= _LARGEST_SPREAD * greatest)
 
 
 @formula
 def is_clear(here: End, there: End, part: float) -> bool:
-    """Return whether the determinant keeps its sign over a part of a step, as far as its ends tell."""
+    """Return whether the determinant keeps its sign over a part of a step, as far as its ends tell.
+
+    The step may begin at a singular state, but for rounding.
+    """
     defect = abs(there.value - here.value - 0.5 * (here.change + there.change))
-    least, greatest = abs(here.value), max(abs(here.value), abs(there.value))
-    sign = 1.0 if here.value > 0.0 else -1.0
+    least, greatest = math.inf, max(abs(here.value), abs(there.value))
+    is_nothing = abs(here.value) <= _NOTHING * greatest
+    sign = 1.0 if (there.value if is_nothing else here.value) > 0.0 else -1.0
     for k in range(1, _SAMPLES + 1):
         least = min(least, sign * cubic(here, there, part * k / _SAMPLES))
     return (defect <= _LARGEST_SPREAD * greatest) & (least > _CLEARANCE * defect)

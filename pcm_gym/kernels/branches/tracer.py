@@ -37,8 +37,8 @@ from pcm_gym.kernels.statics.closure import (
 )
 from pcm_gym.kernels.statics.newton import CONVERGED, DIVERGED, NewtonRules, accept_correction, correction_size
 
-# Beside a bifurcation rounding errors are magnified up to this: corrections do not fall below it there. That is accepted
-# where it is a small part of the arc.
+# Beside a bifurcation rounding errors are magnified up to this: corrections do not fall below it there. That is
+# accepted where it is a small part of the arc.
 _LARGEST_ROUNDING, _NEGLIGIBLE = 1e-7, 1e-2
 
 # In place of a kind of singularity: the states of the curve need not be singular.

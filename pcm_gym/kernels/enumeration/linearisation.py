@@ -15,12 +15,12 @@ from pcm_gym.kernels.statics.closure import (
     set_matrix,
     set_residual,
 )
+from pcm_gym.kernels.statics.states import Point
 
 # A rod's load counts at least this much: one that moves nothing at all has no scale of its own.
 _LEAST_EFFECT = 1e-300
 
 
-@kernel
 def linearised(legs: Array, x: Array, inputs: Array, load: Array, is_inverse: bool) -> tuple[Array, Array, Array]:
     """Return residual, its Jacobian by what is not given, and the units of that, scaled.
 
@@ -34,6 +34,15 @@ def linearised(legs: Array, x: Array, inputs: Array, load: Array, is_inverse: bo
         By the rods' loads, then by the pose or, where that is given, by the inputs, in their units.
     units : array (n,)
     """
+    size = len(x)
+    residual, matrix, units = np.empty(size), np.empty((size, size)), np.ones(size)
+    _linearise(legs, Point(x, inputs, load), is_inverse, residual, matrix, units)
+    return residual, matrix, units
+
+
+@kernel
+def _linearise(legs: Array, point: Point, is_inverse: bool, residual: Array, matrix: Array, units: Array) -> None:
+    x, inputs, load = point.x, point.inputs, point.load
     leg_count, size = legs.shape[0], x.shape[0]
     pose = 2 * leg_count
     work = make_workspace(leg_count, size)
@@ -46,15 +55,13 @@ def linearised(legs: Array, x: Array, inputs: Array, load: Array, is_inverse: bo
     force = 1.0
     for leg in range(leg_count):
         force = max(force, 1.0 + abs(work.rods[leg, FORCE_X]), 1.0 + abs(work.rods[leg, FORCE_Y]))
-    units = np.ones(size)
     for leg in range(leg_count):
         row = work.rods[leg]
         for k in range(2):
             tip = max(abs(row[TIP_G + k]), abs(row[TIP_G + 2 + k]))
             own = max(abs(row[FORCE_G + k]), abs(row[FORCE_G + 2 + k])) / force
             units[2 * leg + k] = 1.0 / max(tip, own, _LEAST_EFFECT)
-    residual, matrix = work.residual.copy(), work.matrix[:size, :size].copy()
+    residual[:], matrix[:] = work.residual, work.matrix[:size, :size]
     residual[pose:] /= force
     matrix[pose:] /= force
     matrix *= units
-    return residual, matrix, units
