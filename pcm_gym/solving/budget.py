@@ -1,5 +1,6 @@
 """How much a search may do before it gives up, aloud."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -34,7 +35,8 @@ def search_budget(tests: float) -> Iterator[None]:
     TypeError, ValueError
         If it is no number greater than 0.
     """
-    token = _most.set(tests if tests == float("inf") else positive_number("tests", tests))
+    is_endless = isinstance(tests, float) and tests == math.inf
+    token = _most.set(math.inf if is_endless else positive_number("tests", tests))
     try:
         yield
     finally:

@@ -7,7 +7,6 @@ import numpy as np
 from pcm_gym.arrays import Array, Records
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, FOLD, NONE, SOLVER_FAILURE, Tracked
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes
-from pcm_gym.kernels.lockstep.verdicts import residual
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.snaps.instability import CONTINUE, TERMINATE, is_instability
 from pcm_gym.kernels.stepping.features import STABILITY_FEATURES, stability_features
@@ -75,7 +74,7 @@ def make_seen(report: Report) -> Array:
 @formula
 def _verdict(common: CommonLanes, lane: int) -> Tracked:
     """Return the verdict on a lane that has gone the whole way."""
-    return Tracked(NONE, 1.0, int(common.index[lane]), common.stability_margin[lane], residual(common, lane))
+    return Tracked(NONE, 1.0, int(common.index[lane]), common.stability_margin[lane], common.error[lane])
 
 
 @formula
