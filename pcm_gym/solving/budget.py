@@ -35,7 +35,8 @@ def search_budget(tests: float) -> Iterator[None]:
     TypeError, ValueError
         If it is no number greater than 0.
     """
-    is_endless = isinstance(tests, float) and tests == math.inf
+    given: object = tests
+    is_endless = isinstance(given, float) and given == math.inf
     token = _most.set(math.inf if is_endless else positive_number("tests", tests))
     try:
         yield
