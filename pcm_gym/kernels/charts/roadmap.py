@@ -130,12 +130,12 @@ def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps:
     """Go the steps that wait, in two halves, and enter where they lead."""
     common, load = steps.block.common[0], nodes.states.load
     _aim_half_way(nodes, steps, count)
-    _advance(legs, steps, count, load.shape[1])
+    step_block(legs, steps.block, count, load.shape[1])
     for lane in range(count):
         steps.is_kept[lane] = common.is_sound[lane] > 0.0
         steps.is_clear[lane] = common.singularity_margin[lane] >= _PART_BETWEEN * least_margin
     _aim_at_nodes(rasters, steps, count)
-    _advance(legs, steps, count, load.shape[1])
+    step_block(legs, steps.block, count, load.shape[1])
     for lane in range(count):
         origin, way, cell = steps.origin[lane], steps.way[lane], steps.cell[lane]
         set_node(rasters, INPUTS, cell, steps.target)
@@ -149,12 +149,6 @@ def _go(legs: Array, rasters: Rasters, nodes: Nodes, least_margin: float, steps:
             nodes.ways[origin, way], nodes.ways[node, way ^ 1] = node, origin
         else:
             nodes.ways[origin, way] = NOWHERE
-
-
-@kernel
-def _advance(legs: Array, steps: Steps, count: int, dof: int) -> None:
-    """Move the lanes to their targets."""
-    step_block(legs, steps.block, count, dof)
 
 
 @kernel
