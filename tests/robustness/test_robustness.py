@@ -65,5 +65,24 @@ def test_nothing_runs_on_after_a_job_that_fails() -> None:
     assert len(done) == count
 
 
+def test_nothing_runs_on_where_the_caller_is_interrupted_while_it_waits() -> None:
+    begun, done, caller = threading.Event(), [], threading.get_ident()
+    timers = [threading.Timer(seconds, signal.pthread_kill, [caller, signal.SIGINT]) for seconds in (0.1, 0.2)]
+
+    def outlast_the_caller() -> None:
+        if threading.current_thread() is threading.main_thread():
+            begun.wait(5.0)
+            return
+        for timer in timers:
+            timer.start()
+        begun.set()
+        time.sleep(0.4)
+        done.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_all([outlast_the_caller, outlast_the_caller], 2)
+    assert done == [True]
+
+
 def test_killed_compilation_leaves_a_cache_that_serves(tmp_path: Path) -> None:
     assert kill_compilations(1, tmp_path) == []

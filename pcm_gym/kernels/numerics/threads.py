@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial
+from threading import Lock
 
 import numba
 
@@ -54,19 +55,34 @@ def run_all(jobs: Sequence[Callable[[], None]], threads: int) -> None:
     Where one fails, or the caller is interrupted, those that have not begun are dropped, and the others waited for.
     """
     left = iter(jobs)
+    turns = [Lock() for _ in range(min(threads, len(jobs)) - 1)]
     helpers: list[Future[None]] = []
     try:
-        for _ in range(min(threads, len(jobs)) - 1):
-            helpers.append(_pool(threads - 1).submit(_work, left))
-        _work(left)
+        for turn in turns:
+            helpers.append(_pool(threads - 1).submit(_work, left, turn))
+        for job in left:
+            job()
     finally:
+        _drop_and_wait(left, turns)
+    for helper in helpers:
+        if not helper.cancel():  # one that has not begun has nothing left to do
+            helper.result()
+
+
+def _drop_and_wait(left: Iterator[Callable[[], None]], turns: Sequence[Lock]) -> None:
+    """Drop the jobs that have not begun and wait for the others, also where the caller is interrupted meanwhile."""
+    try:
         for _ in left:
             pass
-        for helper in helpers:
-            if not helper.cancel():  # one that has not begun has nothing left to do
-                helper.result()
+        for turn in turns:
+            with turn:
+                pass
+    except BaseException:
+        _drop_and_wait(left, turns)
+        raise
 
 
-def _work(left: Iterator[Callable[[], None]]) -> None:
-    for job in left:
-        job()
+def _work(left: Iterator[Callable[[], None]], turn: Lock) -> None:
+    with turn:
+        for job in left:
+            job()
