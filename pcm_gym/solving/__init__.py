@@ -27,7 +27,7 @@ from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.crossings import Crossing, find_crossings
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
-from pcm_gym.solving.equilibrium import Equilibrium, RodState
+from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
@@ -59,6 +59,7 @@ __all__ = [
     "RasterStates",
     "Region",
     "Roadmap",
+    "RodCrossing",
     "RodState",
     "SearchBudgetError",
     "SingularCurve",
