@@ -53,7 +53,7 @@ def actuator_force(actuator: Actuator, tip: Pair, force: Pair) -> float:
 
 @kernel
 def set_strength(legs: Array, x: Array, work: Workspace, curvatures: Array, forces: Array) -> None:
-    """Fill the rods' largest curvatures and the actuators' forces, (legs,) each, from the rod table of the state `x`."""
+    """Fill the rods' largest curvatures and the actuators' forces, (legs,) each, from the rod table of state `x`."""
     for i in range(legs.shape[0]):
         row = work.rods[i]
         tip, force = pair(row, TIP_X), pair(row, FORCE_X)
