@@ -4,11 +4,13 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from pcm_gym.mechanism.leg import Actuator, Leg, Prismatic, Revolute, Rod
+from pcm_gym.mechanism.leg import Actuator, Leg, Prismatic, Revolute
 from pcm_gym.mechanism.mechanism import Mechanism
+from pcm_gym.mechanism.rod import Material, Rod, Round, Section, Strip
 from pcm_gym.mechanism.validation import shown
 
 _ACTUATORS: dict[str, type[Actuator]] = {"revolute": Revolute, "prismatic": Prismatic}
+_SECTIONS: dict[str, type[Section]] = {"round": Round, "strip": Strip}
 
 
 def mechanism_to_json(mechanism: Mechanism) -> str:
@@ -16,6 +18,12 @@ def mechanism_to_json(mechanism: Mechanism) -> str:
     content = asdict(mechanism)
     for leg, entry in zip(mechanism.legs, content["legs"], strict=True):
         entry["actuator"]["kind"] = type(leg.actuator).__name__.lower()
+    rods = [(leg.rod, entry["rod"]) for leg, entry in zip(mechanism.legs, content["legs"], strict=True)]
+    if mechanism.reference is not None:
+        rods.append((mechanism.reference, content["reference"]))
+    for rod, entry in rods:
+        if rod.section is not None:
+            entry["section"]["kind"] = type(rod.section).__name__.lower()
     return json.dumps(content)
 
 
@@ -31,7 +39,7 @@ def mechanism_from_json(text: str) -> Mechanism:
         content = json.loads(text)
         legs = tuple(_leg(entry) for entry in content.pop("legs"))
         reference = content.pop("reference", None)
-        return Mechanism(legs=legs, reference=reference and Rod(**reference), **content)
+        return Mechanism(legs=legs, reference=reference and _rod(reference), **content)
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"the text does not describe a mechanism: {shown(error)}") from error
 
@@ -39,4 +47,14 @@ def mechanism_from_json(text: str) -> Mechanism:
 def _leg(entry: dict[str, Any]) -> Leg:
     actuator = dict(entry["actuator"])
     make = _ACTUATORS[actuator.pop("kind")]
-    return Leg(make(**actuator), Rod(**entry["rod"]), tuple(entry["attachment"]))
+    return Leg(make(**actuator), _rod(entry["rod"]), tuple(entry["attachment"]))
+
+
+def _rod(entry: dict[str, Any]) -> Rod:
+    parts = dict(entry)
+    if parts.get("section") is not None:
+        section = dict(parts["section"])
+        parts["section"] = _SECTIONS[section.pop("kind")](**section)
+    if parts.get("material") is not None:
+        parts["material"] = Material(**parts["material"])
+    return Rod(**parts)
