@@ -1,18 +1,18 @@
 """Planning motions on stable equilibria."""
 
-from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_negative, sequence_of, shown
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over
-from pcm_gym.solving.roadmap import Roadmap, build_roadmap, roadmap_raster
+from pcm_gym.solving.roadmap import Roadmap, build_roadmap
 from pcm_gym.solving.roadmap_search import RoadmapSearch, Targets
 from pcm_gym.solving.straight_ways import StraightWays, Way
 
@@ -74,55 +74,48 @@ def plan_motion(
         start = carried_over(start, mechanism, "start")
     own = start.mechanism
     steps = _steps(own, step)
-    smallest = float(own.units.kernel_from_inputs(steps).min())
-    margin = _LEAST_MARGIN * smallest if least_margin is None else number_not_negative("least_margin", least_margin)
-    if not start.is_stable:
-        raise PlanningError(Obstacle.UNSTABLE_START, f"its index is {start.index}")
-    planners = _planners(own, tuple(start.load.tolist()), tuple(steps.tolist()), margin)
-    for planner in planners:
-        if planner.covers(start):
-            return planner.plan(start, goal)
-    planner = MotionPlanner(_grown_from(start, steps, margin), steps, margin)
-    if not planner.covers(start):
-        raise PlanningError(Obstacle.START_MARGIN, f"{margin:.3g}; the start has {start.singularity_margin:.3g}")
-    planners.append(planner)
-    return planner.plan(start, goal)
+    margin = _margin(own.units.kernel_from_inputs(steps), least_margin)
+    return _planner(own, tuple(start.load.tolist()), tuple(steps.tolist()), margin).plan(start, goal)
 
 
 class MotionPlanner:
-    """Plans motions on one roadmap.
+    """Plans motions of a mechanism under a load. See `plan_motion`.
 
     Parameters
     ----------
-    roadmap : Roadmap
-    step : array_like (legs,), optional
-        Longest step along each input, rad or m; by default as for `plan_motion`.
-    least_margin : float, optional
-        Singularity margin that is kept after each step, in rad and mean rod lengths; the roadmap's by default.
+    mechanism : Mechanism
+    load : array_like (d,), optional
+        Load on the end-effector, N and N m; none by default.
+    step, least_margin
+        As for `plan_motion`.
+    roadmaps : sequence of Roadmap
+        Roadmaps of the mechanism under the load, if there are some; where a start is on none of them, one is grown
+        from it.
 
     Notes
     -----
-    With the first plan all steps between nodes are tried, and those along several axes at once added: some 10 ms for
-    two legs, a second for three. Many motions together take about 2 ms each.
+    When a roadmap is first used all of its steps are tried, and those along several axes at once added: some 10 ms for
+    two legs, a second for three. Then many motions together take about 10 ms each.
     """
 
-    def __init__(self, roadmap: Roadmap, step: ArrayLike | None = None, least_margin: float | None = None) -> None:
-        mechanism = instance_of("roadmap", roadmap, Roadmap).mechanism
-        self.roadmap, self.step = roadmap, _steps(mechanism, step)
-        margin = roadmap.least_margin if least_margin is None else least_margin
-        self.least_margin = number_not_negative("least_margin", margin)
-        self._mechanism, units = mechanism, mechanism.units
-        stride, load = units.kernel_from_inputs(self.step), units.kernel_from_load(roadmap.load)
-        self._ways = StraightWays(mechanism, load, stride, self.least_margin)
-
-    @cached_property
-    def _search(self) -> RoadmapSearch:
-        return RoadmapSearch(self.roadmap, self._ways)
-
-    def covers(self, equilibrium: Equilibrium) -> bool:
-        """Return whether a straight way leads from an equilibrium to the roadmap."""
-        self._check("equilibrium", equilibrium)
-        return bool(len(self.roadmap)) and bool(self._search.nodes_beside(_way_of([equilibrium]))[0] >= 0)
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        load: ArrayLike | None = None,
+        step: ArrayLike | None = None,
+        least_margin: float | None = None,
+        roadmaps: Sequence[Roadmap] = (),
+    ) -> None:
+        self._mechanism, units = instance_of("mechanism", mechanism, Mechanism), mechanism.units
+        self._load, self._step = mechanism.check_load(load), _steps(mechanism, step)
+        stride = units.kernel_from_inputs(self._step)
+        margin = _margin(stride, least_margin)
+        self._ways = StraightWays(mechanism, units.kernel_from_load(self._load), stride, margin)
+        self._searches: list[RoadmapSearch] = []
+        for roadmap in sequence_of("roadmaps", roadmaps, Roadmap):
+            if roadmap.mechanism != mechanism or not np.array_equal(roadmap.load, self._load):
+                raise ValueError(f"roadmaps must be of {mechanism.name!r} under the load {self._load.tolist()}")
+            self._add(roadmap)
 
     def plan(self, start: Equilibrium, goal: Goal) -> Motion:
         """Return a motion to a goal; see `plan_motion` for both, and for what is raised if there is none.
@@ -132,9 +125,10 @@ class MotionPlanner:
         found = self.plan_many([start], [goal])[0]
         if found is not None:
             return found
-        candidates = Wanted.of(goal, self._mechanism).equilibria(
-            self._mechanism, self.roadmap.load, self.least_margin
-        )
+        if not start.is_stable:
+            raise PlanningError(Obstacle.UNSTABLE_START, f"its index is {start.index}")
+        margin = self._ways.least_margin
+        candidates = Wanted.of(goal, self._mechanism).equilibria(self._mechanism, self._load, margin)
         motions = self.plan_many([start] * len(candidates), candidates)
         made = [motion for motion in motions if motion is not None]
         if not made:
@@ -147,37 +141,50 @@ class MotionPlanner:
         Other than `plan` it does not ask why, and does not search where the roadmap has nothing near.
         """
         starts = sequence_of("starts", starts, Equilibrium)
-        for start in starts:
-            self._check("starts", start)
         wanted = [Wanted.of(goal, self._mechanism) for goal in goals]
         if len(wanted) != len(starts):
             raise ValueError(f"goals must be as many as the starts, {len(starts)}, got {len(wanted)}")
-        if not (len(starts) and len(self.roadmap)):
-            return [None] * len(starts)
-        here = _way_of(starts)
-        ways = self._search.joined(here, self._search.nodes_beside(here), self._targets(wanted))
-        rows = [row for row, way in enumerate(ways) if way is not None]
         found: list[Motion | None] = [None] * len(starts)
-        shortened = self._ways.shortened([way for way in ways if way is not None])
-        for row, way in zip(rows, shortened, strict=True):
-            found[row] = None if way is None else self._motion(starts[row], way)
+        for search, rows, nodes in self._beside(starts):
+            here = _way_of([starts[row] for row in rows])
+            ways = search.joined(here, nodes, self._targets(search, [wanted[row] for row in rows]))
+            led = [(row, way) for row, way in zip(rows, ways, strict=True) if way is not None]
+            shortened = self._ways.shortened([way for _, way in led])
+            for (row, _), own in zip(led, shortened, strict=True):
+                found[row] = None if own is None else self._motion(starts[row], own)
         return found
 
-    def _check(self, name: str, equilibrium: Equilibrium) -> None:
-        own = instance_of(name, equilibrium, Equilibrium)
-        if own.mechanism != self._mechanism:
-            raise ValueError(f"{name} must be of {self._mechanism.name!r}, got {shown(equilibrium)}")
-        if not np.array_equal(own.load, self.roadmap.load):
-            raise ValueError(f"{name} must bear the load {self.roadmap.load.tolist()}, got {own.load.tolist()}")
+    def _add(self, roadmap: Roadmap) -> None:
+        if len(roadmap):
+            self._searches.append(RoadmapSearch(roadmap, self._ways))
+
+    def _beside(self, starts: Sequence[Equilibrium]) -> Iterator[tuple[RoadmapSearch, list[int], Integers]]:
+        """Return searches, for each the starts that are on its roadmap and the nodes beside them."""
+        for start in starts:
+            if start.mechanism != self._mechanism or not np.array_equal(start.load, self._load):
+                raise ValueError(f"starts must be of {self._mechanism.name!r} under the planner's load, got {start!r}")
+        left, turn = [row for row, start in enumerate(starts) if start.index == 0], 0
+        while left:
+            if turn == len(self._searches):
+                self._add(_grown_from(starts[left[0]], self._step, self._ways))
+            if turn == len(self._searches):
+                left = left[1:]
+                continue
+            search = self._searches[turn]
+            nodes = search.nodes_beside(_way_of([starts[row] for row in left]))
+            on_it = np.flatnonzero(nodes >= 0)
+            if len(on_it):
+                yield search, [left[place] for place in on_it.tolist()], nodes[on_it]
+            left, turn = [row for row, node in zip(left, nodes.tolist(), strict=True) if node < 0], turn + 1
 
     def _motion(self, start: Equilibrium, way: Way) -> Motion:
         inputs = self._mechanism.units.inputs_from_kernel(way.inputs)
         inputs[0] = start.inputs
-        return Motion(self._mechanism, self.roadmap.load, inputs, way.x)
+        return Motion(self._mechanism, self._load, inputs, way.x)
 
-    def _targets(self, wanted: Sequence[Wanted]) -> Targets:
+    def _targets(self, search: RoadmapSearch, wanted: Sequence[Wanted]) -> Targets:
         """Return the equilibria that meet goals, as far as straight ways lead to them from nodes."""
-        units, search, parts = self._mechanism.units, self._search, []
+        units, parts = self._mechanism.units, []
         equilibria = {row: own.equilibrium for row, own in enumerate(wanted) if own.equilibrium is not None}
         inputs = {row: units.kernel_from_inputs(own.inputs) for row, own in enumerate(wanted) if own.inputs is not None}
         poses = {row: units.kernel_from_pose(own.pose) for row, own in enumerate(wanted) if own.pose is not None}
@@ -200,14 +207,13 @@ class MotionPlanner:
 
     def _no_way(self, start: Equilibrium, goals: Sequence[Equilibrium]) -> PlanningError:
         """Return what to raise where goals are sound but no way leads there from the start."""
-        inputs = [np.round(goal.inputs, 6).tolist() for goal in goals]
-        if not self.covers(start):
-            details = f"{self.least_margin:.3g}; the start has {start.singularity_margin:.3g}"
-            return PlanningError(Obstacle.START_MARGIN, details)
-        if self.least_margin > 0.0:
-            free = MotionPlanner(build_roadmap(self._mechanism, [start], self.step), self.step)
+        inputs, margin = [np.round(goal.inputs, 6).tolist() for goal in goals], self._ways.least_margin
+        if not any(True for _ in self._beside([start])):
+            return PlanningError(Obstacle.START_MARGIN, f"{margin:.3g}; the start has {start.singularity_margin:.3g}")
+        if margin > 0.0:
+            free = MotionPlanner(self._mechanism, self._load, self._step, 0.0)
             if any(motion is not None for motion in free.plan_many([start] * len(goals), goals)):
-                return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"{self.least_margin:.3g}; goals at inputs {inputs}")
+                return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"{margin:.3g}; goals at inputs {inputs}")
         return PlanningError(Obstacle.OTHER_SHEET, f"goals at inputs {inputs}")
 
 
@@ -225,29 +231,31 @@ def _steps(mechanism: Mechanism, step: ArrayLike | None) -> Array:
     return steps
 
 
-def _grown_from(start: Equilibrium, step: Array, least_margin: float) -> Roadmap:
-    """Return the roadmap around a start: grown from it, or from the middle of a cell beside it."""
-    mechanism = start.mechanism
-    roadmap = build_roadmap(mechanism, [start], step, least_margin)
+def _margin(stride: Array, least_margin: float | None) -> float:
+    if least_margin is None:
+        return _LEAST_MARGIN * float(stride.min())
+    return number_not_negative("least_margin", least_margin)
+
+
+def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap:
+    """Return the roadmap around a start: grown from it, or from the middles of the cells beside it."""
+    mechanism, margin = start.mechanism, ways.least_margin
+    roadmap = build_roadmap(mechanism, [start], step=step, least_margin=margin)
     if len(roadmap):
         return roadmap
-    units, raster = mechanism.units, roadmap_raster(mechanism, step)
-    ways = StraightWays(
-        mechanism, units.kernel_from_load(start.load), units.kernel_from_inputs(step), least_margin
-    )
-    x, inputs, _ = start.kernel_values()
+    raster, (x, inputs, _) = roadmap.raster, start.kernel_values()
     nodes = raster.nodes(raster.cells_around(start.inputs))
-    targets = units.kernel_from_inputs(nodes)
-    reached, arrives = ways.walked(np.tile(x, (len(nodes), 1)), np.tile(inputs, (len(nodes), 1)), targets)
+    count = (len(nodes), 1)
+    reached, arrives = ways.walked(np.tile(x, count), np.tile(inputs, count), mechanism.units.kernel_from_inputs(nodes))
     seeds = [
         Equilibrium.unchecked(mechanism, reached[n], nodes[n], start.load) for n in np.flatnonzero(arrives).tolist()
     ]
-    return build_roadmap(mechanism, seeds, step, least_margin) if seeds else roadmap
+    return build_roadmap(mechanism, seeds, step=step, least_margin=margin) if seeds else roadmap
 
 
 @lru_cache(maxsize=_KEPT)
-def _planners(
+def _planner(
     mechanism: Mechanism, load: tuple[float, ...], step: tuple[float, ...], least_margin: float
-) -> list[MotionPlanner]:
-    """Return the planners made so far for these, a new list for new ones."""
-    return []
+) -> MotionPlanner:
+    """Return the planner of a mechanism, always the same one for the same arguments."""
+    return MotionPlanner(mechanism, load, step, least_margin)

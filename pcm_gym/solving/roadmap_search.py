@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import KDTree
 
-from pcm_gym.arrays import Array, Integers
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.charts.motions import meet_poses
 from pcm_gym.solving.roadmap import Roadmap
 from pcm_gym.solving.straight_ways import StraightWays, Way
@@ -136,8 +136,10 @@ class RoadmapSearch:
 
     @cached_property
     def _graph(self) -> sparse.csr_array:
-        starts, ends = self._steps()
+        starts, ends, is_own = self._steps()
         leads = self._ways.lead(self.nodes(starts), self.nodes(ends))
+        own = np.flatnonzero(is_own & ~leads)  # the tracker has gone them, if not with all of their margins
+        leads[own] = self._ways.lead_surely(self.nodes(starts[own]), self.nodes(ends[own]))
         starts, ends = starts[leads], ends[leads]
         moves = np.abs(self._inputs[starts] - self._inputs[ends]) / self._ways.stride
         weights = moves.max(axis=1) + _STRAIGHTNESS * moves.sum(axis=1)
@@ -146,10 +148,10 @@ class RoadmapSearch:
         graph = sparse.csr_array((weights, (starts, ends)), shape=shape)
         return (graph + graph.T).tocsr()
 
-    def _steps(self) -> tuple[Integers, Integers]:
-        """Return pairs of nodes with steps between them, along one axis and along several, in one direction each."""
+    def _steps(self) -> tuple[Integers, Integers, Mask]:
+        """Return pairs of nodes with steps between them, in one direction each, and which are along one axis."""
         ways, legs = self.roadmap.ways, self.roadmap.mechanism.leg_count
-        starts, ends = [], []
+        starts, ends, is_own = [], [], []
         for signs in itertools.product((-1, 0, 1), repeat=legs):
             moved = [2 * axis + (sign > 0) for axis, sign in enumerate(signs) if sign]
             if signs <= (0,) * legs:
@@ -158,7 +160,8 @@ class RoadmapSearch:
             joined = np.flatnonzero((reached[0] >= 0) & (reached == reached[0]).all(axis=0))
             starts.append(joined)
             ends.append(reached[0, joined])
-        return np.concatenate(starts), np.concatenate(ends)
+            is_own.append(np.full(len(joined), len(moved) == 1))
+        return np.concatenate(starts), np.concatenate(ends), np.concatenate(is_own)
 
     @cached_property
     def _pose_tree(self) -> KDTree:

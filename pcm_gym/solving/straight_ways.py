@@ -74,6 +74,14 @@ class StraightWays:
         x, arrives = self.walked(start.x, start.inputs, np.ascontiguousarray(end.inputs))
         return arrives & self.are_same(x, end.x)
 
+    def lead_surely(self, start: Way, end: Way) -> Mask:
+        """Return what `lead` does, by the tracker itself, one by one: a walk gives up on some ways."""
+        leads = np.zeros(len(start.x), dtype=np.bool_)
+        for row in range(len(leads)):
+            ends = Way(*(np.stack([first[row], last[row]]) for first, last in zip(start, end, strict=True)))
+            leads[row] = self._stepped(ends) is not None
+        return leads
+
     def lengths(self, start: Array, end: Array) -> Array:
         """Return how many steps straight ways from inputs to inputs (..., legs) take, not rounded."""
         lengths: Array = (np.abs(end - start) / self.stride).max(axis=-1)
@@ -92,20 +100,19 @@ class StraightWays:
 
         The given ways are followed in straight lines from row to row.
         """
-        found = [self._stepped(way) for way in ways]
+        found: list[Way | None] = [None] * len(ways)
         going = list(range(len(ways)))
         for turn in range(_PASSES):
-            if not going:
-                break
             ahead = [_known(found[n], ways[n]) for n in going]
             pulled = self._pulled([way.reversed if turn % 2 else way for way in ahead])
             trials = [self._stepped(way.reversed if turn % 2 else way) for way in pulled]
             gains = [self._gain(found[n], trial) for n, trial in zip(going, trials, strict=True)]
             for n, trial, gain in zip(going, trials, gains, strict=True):
                 found[n] = trial if gain > 0.0 else found[n]
-            # the first pass from each end is made in any case
-            going = [n for n, gain in zip(going, gains, strict=True) if gain > _LEAST_GAIN or turn == 0]
-        return found
+            going = [n for n, gain in zip(going, gains, strict=True) if gain > _LEAST_GAIN]
+            if not going:
+                break
+        return [self._stepped(way) if own is None else own for own, way in zip(found, ways, strict=True)]
 
     def _gain(self, way: Way | None, other: Way | None) -> float:
         """Return by how many steps the other way is shorter, whole steps first."""
@@ -119,7 +126,8 @@ class StraightWays:
 
     def _stepped(self, way: Way) -> Way | None:
         """Return a way in steps, each verified: evenly over all of it, or else from row to row."""
-        for inputs in (self._divided(way.inputs), self._divided_by_rows(way.inputs)):
+        for divided in (self._divided, self._divided_by_rows):
+            inputs = divided(way.inputs)
             x = self._followed(way.x[0], inputs)
             if x is not None and self.are_same(x[-1:], way.x[-1:])[0]:
                 return Way(x, inputs)
@@ -135,8 +143,12 @@ class StraightWays:
         return divided
 
     def _divided_by_rows(self, inputs: Array) -> Array:
-        parts = [self._divided(inputs[k : k + 2])[1:] for k in range(len(inputs) - 1)]
-        return np.concatenate([inputs[:1], *parts])
+        """Return inputs (n, legs) along a polyline (p, legs), its corners among them."""
+        counts = np.ceil(self.lengths(inputs[:-1], inputs[1:]) - _ROUNDING).astype(np.int64)
+        rows = np.repeat(np.arange(len(counts)), counts)
+        parts = (np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts) + 1) / counts[rows]
+        between = inputs[rows] + parts[:, None] * (inputs[rows + 1] - inputs[rows])
+        return np.concatenate([inputs[:1], np.where(parts[:, None] == 1.0, inputs[rows + 1], between)])
 
     def _followed(self, x: Array, inputs: Array) -> Array | None:
         """Return the states (n, size) at inputs (n, legs), followed from the first; None where one is not reached."""
