@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,6 +23,8 @@ _NODES_NEAR, _CELLS_NEAR = 64, 2.5
 # Starts whose ways are sought at a time; bounds the memory.
 _SEARCHED_AT_ONCE = 32
 _NOWHERE = -1
+# By so little a way may be longer than its number of steps.
+_ROUNDING = 1e-9
 
 
 class Targets(NamedTuple):
@@ -137,7 +140,9 @@ class RoadmapSearch:
     @cached_property
     def _graph(self) -> sparse.csr_array:
         starts, ends, is_own = self._steps()
-        leads = self._ways.lead(self.nodes(starts), self.nodes(ends))
+        # in even steps, the same in both directions
+        counts = np.ceil(self._pitch / self._ways.stride - _ROUNDING)
+        leads = replace(self._ways, stride=self._pitch / counts).lead(self.nodes(starts), self.nodes(ends))
         own = np.flatnonzero(is_own & ~leads)  # the tracker has gone them, if not with all of their margins
         leads[own] = self._ways.lead_surely(self.nodes(starts[own]), self.nodes(ends[own]))
         starts, ends = starts[leads], ends[leads]
