@@ -51,6 +51,15 @@ class Wanted:
             None if inputs is None else mechanism.check_inputs(inputs),
         )
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether all equilibria at the inputs must be known to tell which one is meant."""
+        return self.pose is not None and self.inputs is not None
+
+    def _distance(self, equilibrium: Equilibrium) -> float:
+        pose = equilibrium.pose if self.pose is None else self.pose
+        return float(np.linalg.norm(equilibrium.mechanism.units.kernel_from_pose(equilibrium.pose - pose)))
+
     def equilibria(self, mechanism: Mechanism, load: Array, least_margin: float) -> list[Equilibrium]:
         """Return all stable equilibria that meet the goal within the limits and with the margin.
 
@@ -65,6 +74,8 @@ class Wanted:
         stable = [own for own in found if own.is_stable]
         if not stable:
             raise PlanningError(Obstacle.ONLY_UNSTABLE, f"{what}: indices {sorted({own.index for own in found})}")
+        if self.is_exact:
+            stable = [min(stable, key=self._distance)]
         within = [_within_limits(own) for own in stable]
         kept = [own for own in within if own is not None]
         if not kept:
@@ -73,10 +84,7 @@ class Wanted:
         greatest = max(own.singularity_margin for own in kept)
         if greatest < least_margin:
             raise PlanningError(Obstacle.GOAL_MARGIN, f"{what}: {greatest:.3g} of {least_margin:.3g}")
-        kept = [own for own in kept if own.singularity_margin >= least_margin]
-        if self.pose is not None and self.inputs is not None:
-            kept = [min(kept, key=lambda own: _distance(own, self.pose))]
-        return kept
+        return [own for own in kept if own.singularity_margin >= least_margin]
 
     def _all(self, mechanism: Mechanism, load: Array) -> tuple[list[Equilibrium], str]:
         """Return all equilibria that meet the goal, and the goal in words."""
@@ -119,7 +127,3 @@ def _within_limits(equilibrium: Equilibrium) -> Equilibrium | None:
     if inputs is None:
         return None
     return Equilibrium.unchecked(equilibrium.mechanism, equilibrium.state, inputs, equilibrium.load)
-
-
-def _distance(equilibrium: Equilibrium, pose: Array | None) -> float:
-    return float(np.linalg.norm(equilibrium.mechanism.units.kernel_from_pose(equilibrium.pose - pose)))

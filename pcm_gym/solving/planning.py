@@ -1,6 +1,6 @@
 """Planning motions on stable equilibria."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_negative, sequence_of, shown
+from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_negative, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over
@@ -122,13 +122,14 @@ class MotionPlanner:
 
         What is not found beside the roadmap is searched for among all equilibria at the goal.
         """
-        found = self.plan_many([start], [goal])[0]
+        wanted = Wanted.of(goal, self._mechanism)
+        found = None if wanted.is_exact else self.plan_many([start], [goal])[0]
         if found is not None:
             return found
         if not start.is_stable:
             raise PlanningError(Obstacle.UNSTABLE_START, f"its index is {start.index}")
         margin = self._ways.least_margin
-        candidates = Wanted.of(goal, self._mechanism).equilibria(self._mechanism, self._load, margin)
+        candidates = wanted.equilibria(self._mechanism, self._load, margin)
         motions = self.plan_many([start] * len(candidates), candidates)
         made = [motion for motion in motions if motion is not None]
         if not made:
@@ -138,7 +139,8 @@ class MotionPlanner:
     def plan_many(self, starts: Sequence[Equilibrium], goals: Sequence[Goal]) -> list[Motion | None]:
         """Return motions from starts to goals, one to one; None where none is found on the roadmap.
 
-        Other than `plan` it does not ask why, and does not search where the roadmap has nothing near.
+        Other than `plan` it does not ask why, and does not search where the roadmap has nothing near: of the equilibria
+        at given inputs only those that are reached compete for being the nearest to a pose.
         """
         starts = sequence_of("starts", starts, Equilibrium)
         wanted = [Wanted.of(goal, self._mechanism) for goal in goals]
@@ -184,7 +186,8 @@ class MotionPlanner:
 
     def _targets(self, search: RoadmapSearch, wanted: Sequence[Wanted]) -> Targets:
         """Return the equilibria that meet goals, as far as straight ways lead to them from nodes."""
-        units, parts = self._mechanism.units, []
+        units = self._mechanism.units
+        parts: list[tuple[Iterable[int], Targets]] = []
         equilibria = {row: own.equilibrium for row, own in enumerate(wanted) if own.equilibrium is not None}
         inputs = {row: units.kernel_from_inputs(own.inputs) for row, own in enumerate(wanted) if own.inputs is not None}
         poses = {row: units.kernel_from_pose(own.pose) for row, own in enumerate(wanted) if own.pose is not None}

@@ -101,10 +101,10 @@ class RoadmapSearch:
         """
         cells = self._cells_around(inputs)
         goals, nodes = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
-        for goal, own in enumerate(cells.tolist()):
-            for cell in own:
+        for own, around in enumerate(cells.tolist()):
+            for cell in around:
                 beside = self._by_cell[self._cell_ends[cell] : self._cell_ends[cell + 1]] if cell >= 0 else nodes[0]
-                goals.append(np.full(len(beside), goal))
+                goals.append(np.full(len(beside), own))
                 nodes.append(beside)
         goal, node = np.concatenate(goals), np.concatenate(nodes)
         x, arrives = self._ways.walked(self.roadmap.states[node], self._inputs[node], inputs[goal])
@@ -185,7 +185,7 @@ class RoadmapSearch:
         cells = np.rint(places).astype(np.int64)[:, None] + offsets
         order = np.abs(cells - places[:, None]).max(axis=2).argsort(axis=1, kind="stable")
         cells = np.take_along_axis(cells, order[:, :, None], axis=1)
-        is_within = ((cells >= 0) & (cells < shape)).all(axis=2)
+        is_within: Mask = ((cells >= 0) & (cells < np.array(shape))).all(axis=2)
         flat = np.ravel_multi_index(tuple(np.moveaxis(np.where(is_within[..., None], cells, 0), 2, 0)), shape)
         return np.where(is_within, flat, _NOWHERE)
 

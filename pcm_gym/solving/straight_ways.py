@@ -67,12 +67,14 @@ class StraightWays:
         for first, last in slices(len(x), _WALKED_AT_ONCE):
             some = States(*(array[first:last] for array in states))
             walk(legs, some, targets[first:last], self.stride, counts[first:last], self.least_margin)
-        return states.x, (states.inputs == targets).all(axis=1)
+        arrives: Mask = (states.inputs == targets).all(axis=1)
+        return states.x, arrives
 
     def lead(self, start: Way, end: Way) -> Mask:
         """Return for each row of `start` whether the straight way leads to that of `end`."""
         x, arrives = self.walked(start.x, start.inputs, np.ascontiguousarray(end.inputs))
-        return arrives & self.are_same(x, end.x)
+        leads: Mask = arrives & self.are_same(x, end.x)
+        return leads
 
     def lead_surely(self, start: Way, end: Way) -> Mask:
         """Return what `lead` does, by the tracker itself, one by one: a walk gives up on some ways."""
@@ -92,7 +94,7 @@ class StraightWays:
         plane = 2 * self.mechanism.leg_count + 2
         near = np.abs(x - other)[:, :plane] <= SAME_STATE * (1.0 + np.abs(x[:, :plane]))
         turns: Array = np.abs(np.sin(0.5 * (x - other)[:, plane:]))
-        same: Mask = near.all(axis=1) & (turns <= SAME_STATE).all(axis=1)
+        same: Mask = np.concatenate([near, turns <= SAME_STATE], axis=1).all(axis=1)
         return same
 
     def shortened(self, ways: Sequence[Way]) -> list[Way | None]:
@@ -156,9 +158,7 @@ class StraightWays:
         states[0] = x
         for first, last in slices(len(inputs) - 1, _FOLLOWED_AT_ONCE):
             part = slice(first, last + 1)
-            count = follow_inputs(
-                self.mechanism.leg_table, self.load, inputs[part], self.least_margin, states[part]
-            )
+            count = follow_inputs(self.mechanism.leg_table, self.load, inputs[part], self.least_margin, states[part])
             if count < last + 1 - first:
                 return None
         return states
