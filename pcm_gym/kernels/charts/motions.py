@@ -7,6 +7,7 @@ from pcm_gym.kernels.branches.continuation import NONE, make_line, track
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
+from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally, solve_inverse_locally
 from pcm_gym.kernels.statics.stability import assess_stability
@@ -72,3 +73,20 @@ def _correct(legs: Array, states: States, is_at_pose: bool, is_done: Mask) -> No
         for i in range(leg_count):
             is_within = is_within and legs[i, LOWER] <= inputs[i] <= legs[i, UPPER]
         is_done[n] = is_within and assess_stability(legs, x, work).morse_index == 0
+
+
+def forward_jacobians(legs: Array, x: Array, inputs: Array) -> Array:
+    """Return d pose / d inputs of states (n, size) at inputs (n, legs), (n, d, legs); 0 where it does not exist."""
+    found = np.zeros((len(x), x.shape[1] - 2 * legs.shape[0], legs.shape[0]))
+    for first, last in slices(len(x), _CORRECTED_AT_ONCE):
+        _set_jacobians(legs, x[first:last], inputs[first:last], found[first:last])
+    return found
+
+
+@kernel
+def _set_jacobians(legs: Array, x: Array, inputs: Array, found: Array) -> None:
+    work = make_workspace(legs.shape[0], x.shape[1])
+    for n in range(x.shape[0]):
+        place(legs, x[n], inputs[n], work)
+        if not set_forward_jacobian(legs, x[n], work, found[n]):
+            found[n] = 0.0
