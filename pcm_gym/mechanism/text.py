@@ -17,7 +17,11 @@ _LARGEST_FILE = 1 << 16  # bytes
 
 
 class MechanismFileError(ValueError):
-    """A file that cannot be read, or holds no mechanism."""
+    """A file that cannot be read, or holds no mechanism; the message says why."""
+
+
+class MechanismNotFoundError(MechanismFileError, FileNotFoundError):
+    """There is no such file."""
 
 
 def mechanism_to_json(mechanism: Mechanism) -> str:
@@ -81,12 +85,15 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism:
     Raises
     ------
     MechanismFileError
-        If the file cannot be read, is larger than 64 KiB, or holds no mechanism; a `ValueError`.
+        If the file cannot be read, is larger than 64 KiB, or holds no mechanism; a `ValueError`. If there is no such
+        file it is a `FileNotFoundError` as well.
     """
     path = file_path("path", path)
     try:
         suffix = _suffix(path)
         return mechanism_from_json(_read(path) if suffix == ".json" else _json_from_yaml(_read(path)))
+    except FileNotFoundError as error:
+        raise MechanismNotFoundError(f"{path} cannot be read: {error.strerror}") from error
     except OSError as error:
         raise MechanismFileError(f"{path} cannot be read: {error.strerror or error}") from error
     except (RecursionError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Mechanisms in files: what is written comes back equal to the last digit, and the published schema says what may be."""
+"""Mechanisms in files: what is written comes back to the last digit, and the published schema says what may be."""
 
 import json
 from pathlib import Path
@@ -109,6 +109,15 @@ def test_other_endings_are_refused(tmp_path: Path, path: str) -> None:
         pcm_gym.save_mechanism(pcm_gym.get_mechanism("2RFR"), tmp_path / path)
     with pytest.raises(pcm_gym.MechanismFileError, match=r"\.json"):
         pcm_gym.load_mechanism(tmp_path / path)
+
+
+def test_what_is_no_file_is_said_so(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"own\.json cannot be read") as refused:
+        pcm_gym.load_mechanism(tmp_path / "own.json")
+    assert isinstance(refused.value, pcm_gym.MechanismFileError)
+    (tmp_path / "folder.yaml").mkdir()
+    with pytest.raises(pcm_gym.MechanismFileError, match="cannot be read"):
+        pcm_gym.load_mechanism(tmp_path / "folder.yaml")
 
 
 def test_published_schema_is_that_of_the_reader() -> None:
