@@ -8,10 +8,10 @@ D'_1. If a smooth branch joins the ends, then
 
     y_1 - y_0 = h (t_0 + t_1) / 2   and   D_1 - D_0 = h (D'_0 + D'_1) / 2
 
-up to terms of third order (t_1 and D'_1 per unit of the step's own parameter: by arc, that is how far along the tangent
-at y_0), which also measure how much more of the branch the ends do not tell. A step is accepted if
-both are small, and if the cubic through the values and rates of D keeps farther from zero than that. A longer step than
-the branch's own scale fails, and is divided. This is a test, not a proof.
+up to terms of third order, which also measure how much more of the branch the ends do not tell; t_1 and D'_1 are by the
+step's own parameter, with arcs not by the length along the tangent there. A step is accepted if both are small, and if
+the cubic through the values and rates of D keeps farther from zero than that. A longer step than the branch's own scale
+fails, and is divided. This is a test, not a proof.
 """
 
 import math
