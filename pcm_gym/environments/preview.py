@@ -29,6 +29,8 @@ class Preview:
     event : int array (...)
         Numbers of `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver failure.
     at_limit : bool array (...)
+    losses : int array (...)
+    is_dwelling : bool array (...)
     cost, cost_unstable, cost_singular, cost_solver : array (...)
     reward : array (...)
         The reward of the step, for the goal that counts then.
@@ -44,6 +46,8 @@ class Preview:
     residual: Array
     event: Integers
     at_limit: Mask
+    losses: Integers
+    is_dwelling: Mask
     cost: Array
     cost_unstable: Array
     cost_singular: Array
@@ -74,7 +78,11 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts),
         **{name: verdicts[name] for name in Costs.__annotations__},
-        reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
+        losses=verdicts["losses"],
+        is_dwelling=verdicts["is_dwelling"],
+        reward=simulation.shaped(
+            _rewards(simulation, motion.inputs, report.features, origin), motion, origin, report.verdicts["is_lost"]
+        ).reshape(shape),
         terminated=verdicts["is_lost"],
     )
 
