@@ -67,6 +67,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
     report = simulation.foresee(motion, chosen)
     verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
     units = mechanism.units
+    rewards = foreseen_rewards(simulation, motion.inputs, report.features, origin)
     return Preview(
         pose=units.pose_from_kernel(motion.x[:, 2 * mechanism.leg_count :]).reshape(*shape, mechanism.dof),
         inputs=units.inputs_from_kernel(motion.inputs).reshape(actions.shape),
@@ -80,16 +81,14 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         **{name: verdicts[name] for name in Costs.__annotations__},
         losses=verdicts["losses"],
         is_dwelling=verdicts["is_dwelling"],
-        reward=simulation.shaped(
-            _rewards(simulation, motion.inputs, report.features, origin), motion, origin, report.verdicts["is_lost"]
-        ).reshape(shape),
+        reward=simulation.shaped(rewards, motion, origin, report.verdicts["is_lost"]).reshape(shape),
         terminated=verdicts["is_lost"],
     )
 
 
-def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers) -> Array:
-    """Return the rewards (m,) of steps of the rows `origin` (m,) that lead to inputs (m, legs) and features (m, f)."""
+def foreseen_rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers, ahead: int = 1) -> Array:
+    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs), features (m, f) in some steps."""
     task, rows = simulation.settings.task, simulation.rows
     achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
-    rewards, _ = task._scored(achieved, rows.goals_ahead(origin, 1))
+    rewards, _ = task._scored(achieved, rows.goals_ahead(origin, ahead))
     return rewards

@@ -72,9 +72,7 @@ def advance(
 
 
 @kernel
-def _advance_snapping(
-    legs: Array, point: Point, target: Array, falls: Array, line: Tracer, work: Workspace
-) -> Tracked:
+def _advance_snapping(legs: Array, point: Point, target: Array, falls: Array, line: Tracer, work: Workspace) -> Tracked:
     first_event = NONE
     for _ in range(_MOST_SNAPS):
         tracked = track(legs, point, target, point.load, False, line, work)

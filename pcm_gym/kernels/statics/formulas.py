@@ -52,13 +52,6 @@ def input_rate(actuator: Actuator, rate: float, tip: Pair, force: Pair) -> tuple
 
 
 @formula
-def actuator_force(actuator: Actuator, tip: Pair, force: Pair) -> float:
-    """Return d U / d input at a held hinge: the torque or force that the actuator gives."""
-    axis = actuator.axis
-    return -(axis[0] * force[0] + axis[1] * force[1]) - actuator.turn * moment(tip, force)
-
-
-@formula
 def turned(direction: Pair, vector: Pair) -> Pair:
     """Return a vector turned by the angle with this cosine and sine, or turned and scaled if these are scaled."""
     c, s = direction

@@ -22,8 +22,9 @@ from pcm_gym.kernels.statics.closure import (
     actuator_of,
     pair,
 )
-from pcm_gym.kernels.statics.formulas import Pair, actuator_force
+from pcm_gym.kernels.statics.formulas import Pair
 from pcm_gym.kernels.stepping.goals import set_pose_seen
+from pcm_gym.kernels.structure.strength import actuator_force
 
 # Loads are shown as g / (LOAD_SCALE + |g|), stiffnesses and distances from a fold likewise: smooth, bounded.
 LOAD_SCALE = 10.0
