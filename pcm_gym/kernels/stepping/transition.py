@@ -8,7 +8,7 @@ from pcm_gym.kernels.lockstep.lanes import growth_of_lane, rest_block, step_bloc
 from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane, set_way_point, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
+from pcm_gym.kernels.snaps.instability import ENERGY, FALLS, HOLD, TERMINATE, advance, is_instability, make_falls
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States
@@ -159,17 +159,21 @@ def step_alone(
     size = states.x.shape[1]
     line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
     x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
+    falls = make_falls()
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, states.inputs, moves.actions, row, moves.stride, target)
-        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, line, work)
+        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, falls, line, work)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
             place(legs, x, inputs, work)
             tracked = judge(legs, x, load, tracked.event, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
         report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
+        if tracked.event != SOLVER_FAILURE and falls[FALLS] > 0.0:
+            report.verdicts[row]["losses"] = int(falls[FALLS])
+            report.verdicts[row]["energy_released"] = falls[ENERGY]
 
 
 @kernel
@@ -179,6 +183,7 @@ def describe_batch(legs: Array, states: States, rows: Integers, report: Report) 
     _report_arrived(legs, states, rows, is_cut, StepRules(TERMINATE, 0.0), report, make_block(legs.shape[0]))
     for row in rows:  # where no margin is too small, nothing is cut and nothing happens, only instability would cost
         report.verdicts[row]["cost_unstable"] = 0.0
+        report.verdicts[row]["is_dwelling"] = False
 
 
 @kernel
