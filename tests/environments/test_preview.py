@@ -12,7 +12,7 @@ import pcm_gym
 from pcm_gym.kernels.stepping.transition import GIVE_UP, step_in_lanes
 from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = ("2RFR", "2PFR", "3PFR")
 BEHAVIOURS = ("terminate", "snap", "hold", "continue")
 NUMBERS = (
     "index",

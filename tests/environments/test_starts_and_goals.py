@@ -12,7 +12,7 @@ from pcm_gym.tasks import Reach, Scene
 from pcm_gym.tasks.reach import detours
 from tests.environments.rollouts import assert_same, make_bare, make_native
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = ("2RFR", "2PFR", "3PFR")
 SWITCHES = ["PCM/2RFR-Switch-v0", "PCM/3PFR-Switch-v0"]
 
 

@@ -12,7 +12,7 @@ from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Goals, box_of, observation_elements
 from tests.environments.rollouts import folding_arguments, make_bare, make_native, sweeping_actions
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = ("2RFR", "2PFR", "3PFR")
 
 
 def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, float]:
