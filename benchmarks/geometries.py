@@ -176,6 +176,14 @@ def _limited(home: Equilibrium, least: float, most: float, signs: tuple[int, ...
     return replace(home.mechanism, legs=tuple(legs), home_pose=tuple(home.pose.tolist()))
 
 
+def _evidence(mechanism: Mechanism) -> dict[str, Any]:
+    try:
+        evidence = Evidence.of(mechanism, _MOVES, _EPISODES)
+    except ValueError as error:  # home is nearer to a fold than starts may be
+        return {"failings": [str(error)]}
+    return {"lost": evidence.moves.lost, "jacobian": evidence.resolved_rate.safe, "failings": evidence.failings}
+
+
 def judge(family: Family, parameters: Array) -> list[dict[str, Any]]:
     """Return what is known of each home of a geometry, with the best limits; evidence where these promise much."""
     found = []
@@ -191,8 +199,7 @@ def judge(family: Family, parameters: Array) -> list[dict[str, Any]]:
         limits = family.pitch * least, family.pitch * most
         own: dict[str, Any] = {"pose": home.pose.tolist(), "limits": limits, "covered": covered, "again": again}
         if again >= _AGAIN:
-            evidence = Evidence.of(_limited(home, *limits, family.signs), _MOVES, _EPISODES)
-            own |= {"lost": evidence.moves.lost, "jacobian": evidence.resolved_rate.safe, "failings": evidence.failings}
+            own |= _evidence(_limited(home, *limits, family.signs))
         found.append(own)
     return found
 

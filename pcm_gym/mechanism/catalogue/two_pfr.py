@@ -8,17 +8,17 @@ from pcm_gym.mechanism.mechanism import Mechanism
 
 _DESCRIPTION = "two rods, sliding actuators, point end-effector"
 _UP = math.pi / 2.0
-_LEAN = math.pi / 4.0
+_LEAN, _TURN = math.radians(40.0), math.radians(35.0)
 _SIDES = (-1.0, 1.0)
 
 
 def make() -> Mechanism:
-    """Return the 2PFR: rails that lean outwards by 45 degrees and cross below, steel strips clamped square to them."""
+    """Return the 2PFR: rails that lean outwards by 40 degrees and cross below, strips clamped 35 degrees inwards."""
     rails = [
         Prismatic(
             base=(0.1 * side, 0.0),
             axis_angle=_UP - side * _LEAN,
-            clamp_angle=_UP + side * _LEAN,
+            clamp_angle=_UP + side * _TURN,
             limits=(-0.7, 0.7),
         )
         for side in _SIDES
