@@ -217,6 +217,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     way = [here, pcm_gym.BranchTracker(own, here).step(inputs + 0.0625).equilibrium]
     yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
+    yield Door("critical_load", pcm_gym.critical_load, {"equilibrium": here, "reach": 1.0})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 
 

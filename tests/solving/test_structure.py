@@ -182,11 +182,11 @@ def _point_at(equilibrium: Equilibrium, leg: int, arc: float) -> Array:
 def test_the_elastica_that_touches_itself():
     # the neighbouring loops of the free elastica touch at a known shape, m = 0.7312; on both sides of it
     for excess, wanted in ((-1e-6, 0), (1e-6, 2)):
-        cosine, rho = TOUCHING_COSINE + excess, 9.0
+        cosine, rho = TOUCHING_COSINE + excess, 12.0
         g = rho**2 * np.array([cosine, -math.sqrt(1.0 - cosine**2)])
         quarter = quarter_period(math.sqrt(0.5 * (1.0 - cosine)))
         found = np.empty((9, 2))
-        assert rho > 4.0 * quarter
+        assert 5.0 * quarter < rho < 6.0 * quarter
         assert find_loops(*g, found) == wanted
         assert crosses_itself(*g, 0.5 * rho / quarter) == (wanted > 0)
 
