@@ -31,7 +31,9 @@ from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
+from pcm_gym.solving.planning import MotionPlanner, plan_motion
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
@@ -55,8 +57,12 @@ __all__ = [
     "Event",
     "Family",
     "FamilyKind",
+    "Motion",
+    "MotionPlanner",
     "NearestFold",
+    "Obstacle",
     "PathCertificate",
+    "PlanningError",
     "Raster",
     "RasterStates",
     "Region",
@@ -81,6 +87,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "nearest_fold",
+    "plan_motion",
     "search_budget",
     "snap",
     "solve_forward",
