@@ -28,6 +28,7 @@ from pcm_gym.mechanism.validation import (
     truth_value,
     whole_number,
 )
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
 
 # What may happen where stability is lost, and the kernels' codes.
@@ -53,6 +54,8 @@ class Settings:
     mechanism : Mechanism
     task : Task
     on_instability : "terminate", "snap", "hold" or "continue"
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that are watched.
     load_range : array (2, d)
         Least and greatest load on the end-effector in the mechanism's units; equal where it is constant.
     observe_load : bool
@@ -79,6 +82,7 @@ class Settings:
     mechanism: Mechanism
     task: Task
     on_instability: OnInstability
+    limits: tuple[LimitName, ...]
     load_range: Array
     observe_load: bool
     max_action: Array
@@ -110,6 +114,7 @@ class Settings:
             mechanism=mechanism,
             task=task,
             on_instability=_behaviour(task, given["on_instability"]),
+            limits=limits_of(mechanism, given["limits"]).names,
             load_range=_load_range(mechanism, given["load"]),
             observe_load=truth_value("observe_load", given["observe_load"]),
             max_action=steps,
@@ -143,7 +148,9 @@ class Settings:
 
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
-        return Scene(mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin)
+        return Scene(
+            mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin, limits=self.limits
+        )
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return the scenes in which episodes take place: one, or `variants` where mechanism or load vary.
@@ -155,7 +162,7 @@ class Settings:
         """
         if self.randomisation.is_off and not self.load_varies:
             scene = self.scene(self.mechanism, self.load_range[0])
-            _ = scene.home  # worked out, or refused, before anything else
+            scene.check_seed()  # home is worked out, or refused, before anything else
             return (scene,)
         numbers, found, failure = np.random.default_rng(0), [], None
         for _ in range(_DRAWS_PER_SCENE * self.variants):

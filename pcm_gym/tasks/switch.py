@@ -138,7 +138,7 @@ class _Chart:
 
     def __init__(self, scene: Scene, difficulty: SwitchDifficulty, seeds: list[Equilibrium]) -> None:
         step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
+        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve, limits=scene.limits)
         self._may_fall = difficulty == "fall"
         self._falls = find_falls(self.roadmap) if self._may_fall and len(self.roadmap) else None
         self._most = _LONGEST_WAY / scene.steps_per_way

@@ -129,7 +129,8 @@ def _followed(scene: Scene, starts: States, n: int, curve: Array, size: float) -
     for _ in range(_TRIALS):
         x[0], inputs[0] = starts.x[n], starts.inputs[n]
         reached = follow_path(legs, starts.load[n], pose + size * curve, largest, scene.reserve, x, inputs)
-        if reached == len(curve) and np.allclose(inputs[-1], inputs[0], rtol=0.0, atol=1e-8):
+        is_closed = reached == len(curve) and np.allclose(inputs[-1], inputs[0], rtol=0.0, atol=1e-8)
+        if is_closed and scene.structure.are_kept(x, inputs).all():
             return x[:-1].copy(), inputs[:-1].copy()
         size *= _SHRINKING
     return None
