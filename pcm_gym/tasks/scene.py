@@ -262,7 +262,7 @@ def _roadmap(scene: Scene) -> Roadmap:
     )
     if not len(roadmap):
         raise ValueError(
-            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and the limits "
+            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and limits "
             f"{scene.limits}, to the middle of its cell of inputs; got {seed.singularity_margin:.3g} at inputs "
             f"{seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the least max_action: "
             "one of these must be smaller"
