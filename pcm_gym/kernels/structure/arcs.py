@@ -50,6 +50,10 @@ _LEAST_ARGUMENT, _NO_LOAD = 1e-100, 1e-280
 APART, TIPS, TIP_AND_BASE = range(3)
 
 
+# Of an arc its half length, how far it goes off the tangent in its middle, and how far that may turn from there.
+Size = tuple[float, float, float]
+
+
 class Curves(NamedTuple):
     """Curves, the middles of the arcs that each is looked at in first, and scratch arrays."""
 
@@ -133,8 +137,8 @@ def _part(arc: int, depth: int) -> float:
 
 
 @formula
-def _size(row: Array, depth: int) -> tuple[float, float, float]:
-    """Return of an arc its half length, how far it goes off its tangent, and how far that may turn from its middle."""
+def _size(row: Array, depth: int) -> Size:
+    """Return the size of an arc of a curve."""
     half = 0.5 * row[CURVE_LENGTH] / (1 << depth)
     turn = row[CURVATURE] * half
     return half, 0.5 * turn * half, turn
@@ -177,8 +181,11 @@ def find_arc_crossings(curves: Curves, first: int, second: int, shared: int, fou
     count = 0
     for arc in range(1 << depth):
         for other in range(1 << other_depth):
-            if not _are_apart(middles[arc], other_middles[other], size, other_size):
-                pair = (1 << depth) + arc, (1 << other_depth) + other
+            if _are_apart(middles[arc], other_middles[other], size, other_size):
+                continue
+            pair = (1 << depth) + arc, (1 << other_depth) + other
+            may_meet_once = abs(_sine(middles[arc], other_middles[other])) > size[2] + other_size[2]
+            if not (may_meet_once and _are_at_hinge(pair[0], depth, pair[1], other_depth, shared)):
                 count = _find_below(curves, first, second, pair, shared, found, count)
     return count
 
