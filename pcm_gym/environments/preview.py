@@ -30,6 +30,8 @@ class Preview:
     event : int array (...)
         Numbers of `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver failure.
     at_limit : bool array (...)
+    losses : int array (...)
+    is_dwelling : bool array (...)
     cost, cost_unstable, cost_singular, cost_solver : array (...)
     cost_stress, cost_torque, cost_contact : array (...)
         0 where the environment's `limits` do not name them.
@@ -47,6 +49,8 @@ class Preview:
     residual: Array
     event: Integers
     at_limit: Mask
+    losses: Integers
+    is_dwelling: Mask
     cost: Array
     cost_unstable: Array
     cost_singular: Array
@@ -69,6 +73,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
     report = simulation.foresee(motion, chosen)
     verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
     units = mechanism.units
+    rewards = foreseen_rewards(simulation, motion.inputs, report.features, origin)
     return Preview(
         pose=units.pose_from_kernel(motion.x[:, 2 * mechanism.leg_count :]).reshape(*shape, mechanism.dof),
         inputs=units.inputs_from_kernel(motion.inputs).reshape(actions.shape),
@@ -80,13 +85,15 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts, simulation.settings.limits),
         **{name: verdicts[name] for name in (*Costs.__annotations__, *limit_costs(LIMIT_NAMES))},
-        reward=foreseen_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
+        losses=verdicts["losses"],
+        is_dwelling=verdicts["is_dwelling"],
+        reward=simulation.shaped(rewards, motion, origin, report.verdicts["is_lost"]).reshape(shape),
         terminated=verdicts["is_lost"],
     )
 
 
 def foreseen_rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers, ahead: int = 1) -> Array:
-    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs) and features (m, f) so many steps on."""
+    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs), features (m, f) in some steps."""
     task, rows = simulation.settings.task, simulation.rows
     achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
     rewards, _ = task._scored(achieved, rows.goals_ahead(origin, ahead))

@@ -23,7 +23,7 @@ from pcm_gym.tasks import Reach
 ALIASES = {
     "legs": ("attachment",),
     "render_workspace": ("is not an atlas", "cannot be read"),
-    "path": ("is not an atlas", "cannot be read"),
+    "path": ("is not an atlas", "cannot be read", "ending of the file"),
     "rho_max": ("rho <=",),
     # arrays that are as long as another one
     "cells": ("states must have shape",),
@@ -179,6 +179,7 @@ def _of_mechanisms() -> Iterator[Door]:
         yield Door("Mechanism.check_load", own.check_load, {"load": values}, ("load",))
         yield Door("Mechanism.hinges", own.hinges, {"pose": values}, ("pose",))
     yield Door("get_mechanism", pcm_gym.get_mechanism, {"name": "2RFR"})
+    yield Door("load_mechanism", pcm_gym.load_mechanism, {"path": "/nowhere.yaml"})
     yield Door("mechanism_names", pcm_gym.mechanism_names)
     yield Door("register_mechanism", pcm_gym.register_mechanism, {"mechanism": own})
 
