@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -68,18 +69,21 @@ def test_rods_of_a_material_come_back_from_json(section):
     assert mechanism_from_json(mechanism_to_json(mechanism)) == mechanism
 
 
+WRONG: Any = {"section": 0.01, "material": "steel", "radius": "1"}
+
+
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
         (lambda: Rod(section=STRIP), TypeError, "material must be a Material where a section is given, got None"),
         (lambda: Rod(material=STEEL), TypeError, "section must be a Round or a Strip where a material is given"),
         (lambda: Rod(1.0, 1.0, STRIP, STEEL), ValueError, "bending_stiffness must be left out beside section"),
-        (lambda: Rod(section=0.01, material=STEEL), TypeError, "section must be a Round or a Strip"),
-        (lambda: Rod(section=STRIP, material="steel"), TypeError, "material must be a Material"),
+        (lambda: Rod(section=WRONG["section"], material=STEEL), TypeError, "section must be a Round or a Strip"),
+        (lambda: Rod(section=STRIP, material=WRONG["material"]), TypeError, "material must be a Material"),
         (lambda: Rod(section=Round(1e-99), material=STEEL), ValueError, "must make a bending stiffness"),
         (lambda: Rod(-1.0, section=STRIP, material=STEEL), ValueError, "length must be greater than 0"),
         (lambda: Round(0.0), ValueError, "radius must be greater than 0"),
-        (lambda: Round("1"), TypeError, "radius must be a number"),
+        (lambda: Round(WRONG["radius"]), TypeError, "radius must be a number"),
         (lambda: Strip(0.01, -1e-3), ValueError, "thickness must be greater than 0"),
         (lambda: Strip(0.001, 0.01), ValueError, "thickness must be at most the width"),
         (lambda: Strip(math.inf, 0.01), ValueError, "width must be finite"),

@@ -79,7 +79,7 @@ def test_the_load_acts_along_the_motion_that_loses_its_stiffness():
         found = critical_load(equilibrium)
         if found is not None:
             _, vectors = np.linalg.eigh(found.equilibrium.stiffness)
-            aligned += abs(abs(vectors[:, 0] @ found.direction) - 1.0) < 1e-4
+            aligned += int(abs(abs(vectors[:, 0] @ found.direction) - 1.0) < 1e-4)
             count += 1
     assert count >= 6
     assert aligned >= 0.7 * count

@@ -28,7 +28,7 @@ from pcm_gym.kernels.statics.closure import (
     pair,
     place,
 )
-from pcm_gym.kernels.statics.formulas import Pair, actuator_force, moment
+from pcm_gym.kernels.statics.formulas import Actuator, Pair, moment
 
 # Keeps the ratio of two vanishing numbers finite.
 _LEAST = 1e-300
@@ -42,6 +42,13 @@ def largest_curvature(g: Pair, half_periods: float, clamp_moment: float, length:
     apart = load + abs(g[0])
     squared = 2.0 * apart if g[0] >= 0.0 else 2.0 * g[1] * g[1] / max(apart, _LEAST)
     return math.sqrt(squared) / length if half_periods > 0.5 else abs(clamp_moment) / stiffness
+
+
+@formula
+def actuator_force(actuator: Actuator, tip: Pair, force: Pair) -> float:
+    """Return dU/dq of one actuator: the force or moment that it must give."""
+    along = actuator.axis[0] * force[0] + actuator.axis[1] * force[1]
+    return -along - actuator.turn * moment(tip, force)
 
 
 @kernel
