@@ -5,15 +5,19 @@ It says which entries there are and of what kind; what they may be together, the
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
-from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute, Rod
+from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute
+from pcm_gym.mechanism.materials import FIBREGLASS, NITINOL, SPRING_STEEL
 from pcm_gym.mechanism.mechanism import Mechanism
+from pcm_gym.mechanism.rod import Material, Rod, Round, Strip
 
 _SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_ERRORS_SHOWN = 3
+
+_MATERIALS = {"SPRING_STEEL": SPRING_STEEL, "NITINOL": NITINOL, "FIBREGLASS": FIBREGLASS, None: None}
 
 Pair = tuple[float, float]
 
@@ -24,15 +28,65 @@ class FileData(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
+class RoundData(FileData):
+    """A solid round cross-section."""
+
+    kind: Literal["round"]
+    radius: PositiveFloat = Field(description="Radius, m.")
+
+    def made(self) -> Round:
+        """Return the section."""
+        return Round(self.radius)
+
+
+class StripData(FileData):
+    """A rectangular cross-section that bends about its thin axis."""
+
+    kind: Literal["strip"]
+    width: PositiveFloat = Field(description="Across the plane, m.")
+    thickness: PositiveFloat = Field(description="In the plane, m.")
+
+    def made(self) -> Strip:
+        """Return the section."""
+        return Strip(self.width, self.thickness)
+
+
+class MaterialData(FileData):
+    """A linearly elastic material, and where its elastic range ends."""
+
+    modulus: PositiveFloat = Field(description="Young's modulus, Pa.")
+    yield_stress: PositiveFloat = Field(description="Greatest stress that leaves no trace, Pa.")
+    density: PositiveFloat = Field(description="Density, kg/m^3.")
+
+    def made(self) -> Material:
+        """Return the material."""
+        return Material(self.modulus, self.yield_stress, self.density)
+
+
 class RodData(FileData):
-    """A slender, inextensible, initially straight elastic rod."""
+    """A slender, inextensible, initially straight elastic rod: by its stiffness, or by its section and material."""
 
     length: PositiveFloat = Field(description="Length, m.")
-    bending_stiffness: PositiveFloat = Field(description="Bending stiffness EI, N m^2.")
+    bending_stiffness: PositiveFloat | None = Field(
+        default=None,
+        description="Bending stiffness EI, N m^2; beside a section left out, or what it makes.",
+    )
+    section: Annotated[RoundData | StripData, Field(discriminator="kind")] | None = None
+    material: MaterialData | Literal["SPRING_STEEL", "NITINOL", "FIBREGLASS"] | None = Field(
+        default=None, description="A material by its numbers, or one that pcm_gym names."
+    )
+
+    @model_validator(mode="after")
+    def _check_stiffness(self) -> Self:
+        if self.bending_stiffness is None and (self.section is None or self.material is None):
+            raise ValueError("a rod has a bending_stiffness, or a section and a material")
+        return self
 
     def made(self) -> Rod:
         """Return the rod."""
-        return Rod(self.length, self.bending_stiffness)
+        section = None if self.section is None else self.section.made()
+        material = self.material.made() if isinstance(self.material, MaterialData) else _MATERIALS.get(self.material)
+        return Rod(self.length, self.bending_stiffness, section, material)  # type: ignore[arg-type]
 
 
 class RevoluteData(FileData):
@@ -114,9 +168,19 @@ def mechanism_schema() -> dict[str, Any]:
 def data_from_mechanism(mechanism: Mechanism) -> dict[str, Any]:
     """Return a mechanism as entries of its file, every number in full; what has a default is there too."""
     content = asdict(mechanism)
+    rods = [(leg.rod, entry["rod"]) for leg, entry in zip(mechanism.legs, content["legs"], strict=True)]
+    if mechanism.reference is not None:
+        rods.append((mechanism.reference, content["reference"]))
+    for rod, entry in rods:
+        if rod.section is not None:
+            entry["section"] = _with_kind(rod.section, entry["section"])
     for leg, entry in zip(mechanism.legs, content["legs"], strict=True):
-        entry["actuator"] = {"kind": type(leg.actuator).__name__.lower(), **entry["actuator"]}
+        entry["actuator"] = _with_kind(leg.actuator, entry["actuator"])
     return content
+
+
+def _with_kind(part: object, entries: dict[str, Any]) -> dict[str, Any]:
+    return {"kind": type(part).__name__.lower(), **entries}
 
 
 def mechanism_from_text(text: str) -> Mechanism:

@@ -151,6 +151,13 @@ def doors() -> Iterator[Door]:
 def _of_mechanisms() -> Iterator[Door]:
     pair = np.array([0.5, -0.25])
     yield Door("Rod", pcm_gym.Rod, {"length": 1.0, "bending_stiffness": 2.0})
+    made_of = {"section": pcm_gym.Strip(0.02, 0.0005), "material": pcm_gym.SPRING_STEEL}
+    yield Door("Rod of a material", pcm_gym.Rod, {"length": 1.0, **made_of})
+    yield Door("Rod.scaled", pcm_gym.Rod(**made_of).scaled, {"length": 0.5, "stiffness": 2.0})
+    yield Door("Rod.stress_ratio", pcm_gym.Rod(**made_of).stress_ratio, {"curvature": 2.0})
+    yield Door("Round", pcm_gym.Round, {"radius": 0.001})
+    yield Door("Strip", pcm_gym.Strip, {"width": 0.02, "thickness": 0.0005})
+    yield Door("Material", pcm_gym.Material, {"modulus": 2e11, "yield_stress": 1e9, "density": 7850.0})
     clamp = {"base": pair, "clamp_angle": 0.5, "limits": np.array([-1.0, 1.0])}
     yield Door("Revolute", pcm_gym.Revolute, clamp, ("base", "limits"))
     yield Door("Prismatic", pcm_gym.Prismatic, {**clamp, "axis_angle": 0.25}, ("base", "limits"))
@@ -186,6 +193,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     yield Door("Equilibrium.kernel_values", here.kernel_values)
     rod = here.rods[0]
     state = {"modulus": rod.modulus, "psi": rod.psi, "mode": rod.mode, "rho": rod.rho, "force": np.array([0.5, 0.25])}
+    state |= {"largest_curvature": rod.largest_curvature, "stress_ratio": 0.5}
     yield Door("RodState", pcm_gym.RodState, state, ("force",))
     asked = {"mechanism": own, "load": load, "rho_max": 9.0 if dof == 2 else 6.5}
     more = {"modes": [1, {1, 2}, (1, 2)][:dof], "refinement": 0}
