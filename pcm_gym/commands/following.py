@@ -116,7 +116,7 @@ def plan(
         print_json({"length": motion.length, "inputs": motion.inputs, "equilibria": places})
         return
     print_table(EQUILIBRIUM_COLUMNS, equilibrium_rows(motion.equilibria))
-    print_lines({"steps": len(motion.inputs) - 1, "length": motion.length})
+    print_lines({"steps": motion.length})
 
 
 def fold(

@@ -23,9 +23,24 @@ Pair = tuple[float, float]
 
 
 class FileData(BaseModel):
-    """Entries are of the kind that they should be, not made so; unknown ones are refused."""
+    """Entries are of the kind that they should be, not made so; unknown ones are refused.
+
+    What a part is made of is refused by its own class, and here it is said in which entry.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def made(self) -> Any:
+        """Return what the entries describe."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _check_made(self) -> Self:
+        try:
+            self.made()
+        except TypeError as error:
+            raise ValueError(str(error)) from error
+        return self
 
 
 class RoundData(FileData):
@@ -76,14 +91,10 @@ class RodData(FileData):
         default=None, description="A material by its numbers, or one that pcm_gym names."
     )
 
-    @model_validator(mode="after")
-    def _check_stiffness(self) -> Self:
-        if self.bending_stiffness is None and (self.section is None or self.material is None):
-            raise ValueError("a rod has a bending_stiffness, or a section and a material")
-        return self
-
     def made(self) -> Rod:
         """Return the rod."""
+        if self.bending_stiffness is None and self.section is None:
+            raise ValueError("a rod must have a bending_stiffness, or a section and a material")
         section = None if self.section is None else self.section.made()
         material = self.material.made() if isinstance(self.material, MaterialData) else _MATERIALS.get(self.material)
         return Rod(self.length, self.bending_stiffness, section, material)  # type: ignore[arg-type]
@@ -206,4 +217,5 @@ def _in_words(errors: Iterable[Any]) -> str:
 
 def _sentence(error: Mapping[str, Any]) -> str:
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(".")
-    return f"{place}: {error['msg']}" if place else str(error["msg"])
+    reason = str(error["msg"]).removeprefix("Value error, ")
+    return f"{place}: {reason}" if place else reason

@@ -99,7 +99,8 @@ def test_plans_lead_to_the_goal_on_stable_equilibria(shell: Shell) -> None:
     assert np.abs(np.diff(content["inputs"], axis=0)).max() <= 0.1 + 1e-12
     both = shell("plan", "2RFR", "--to", "2.3,1.2", "--step", "0.05,0.05", "--json").content
     np.testing.assert_allclose(both["inputs"][-1], [2.3, 1.2], atol=1e-12)
-    assert "length" in shell("plan", "2RFR", "--to", "2.3,1.2").output
+    assert both["length"] == len(both["inputs"]) - 1
+    assert "steps" in shell("plan", "2RFR", "--to", "2.3,1.2").output
 
 
 def test_fold_is_the_nearest_one(shell: Shell) -> None:

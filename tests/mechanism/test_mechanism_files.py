@@ -87,7 +87,7 @@ def wrong_contents() -> dict[str, tuple[Any, str]]:
         ("legs",): [[], {}, None, "2"],
         ("legs", 0, "actuator"): [{}, None, {"kind": "screw"}, {"kind": "revolute"}],
         ("legs", 0, "actuator", "base"): [[0.0], [0.0, 1.0, 2.0], ["0", "1"], [None, 0.0], 3.0],
-        ("legs", 0, "actuator", "limits"): [[0.0], "x", None],
+        ("legs", 0, "actuator", "limits"): [[0.0], "x", None, [1.0, -1.0]],
         ("legs", 1, "rod"): [None, {}, {"length": 1.0}],
         ("legs", 1, "rod", "length"): ["1.0", 0.0, -1.0, True, [1.0], None],
         ("legs", 1, "rod", "bending_stiffness"): [0, "1e-3", None],
