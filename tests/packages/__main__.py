@@ -19,7 +19,7 @@ import sys
 import tarfile
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -27,13 +27,13 @@ ROOT = Path(__file__).parents[2]
 SDIST_TESTS = ("tests/mechanism", "tests/commands/test_start.py")
 
 
-def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
+def run(*command: str | Path, cwd: Path, code: int = 0, environment: Mapping[str, str] = {}) -> str:
     """Run a command that must end with this code; return what it said."""
     clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
     ended = subprocess.run(
         [str(part) for part in command],
         cwd=cwd,
-        env=clean | environment,
+        env={**clean, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -81,16 +81,16 @@ def try_wheel(wheel: Path, folder: Path, resolution: str) -> None:
     command = python.parent / "pcm-gym"
     own = {"NUMBA_CACHE_DIR": str(folder / "kernels")}
     assert run(command, "--version", cwd=folder).strip() == wheel.name.split("-")[1]
-    assert "2RFR" in run(command, "list", cwd=folder, **own)
-    assert "nothing is compiled" in run(command, "doctor", cwd=folder, **own)
-    found = run(python, "-W", "error", "-m", "pcm_gym", "fk", "2RFR", "--json", cwd=folder, **own)
+    assert "2RFR" in run(command, "list", cwd=folder, environment=own)
+    assert "nothing is compiled" in run(command, "doctor", cwd=folder, environment=own)
+    found = run(python, "-W", "error", "-m", "pcm_gym", "fk", "2RFR", "--json", cwd=folder, environment=own)
     equilibria = json.loads(found[found.index("{\n") :])["equilibria"]
     assert len(equilibria) == 9, found
     assert abs(equilibria[0]["pose"][1] - 0.927501479) < 1e-8
-    assert "all is well" in run(command, "doctor", cwd=folder, **own)
-    refused = run(command, "render", "2RFR", "--out", "x.png", cwd=folder, code=1, **own)
+    assert "all is well" in run(command, "doctor", cwd=folder, environment=own)
+    refused = run(command, "render", "2RFR", "--out", "x.png", cwd=folder, code=1, environment=own)
     assert "pip install 'pcm_gym[render]'" in refused, refused
-    assert "pip install -e '.[agents]'" in run(command, "train", "x.yaml", cwd=folder, code=1, **own)
+    assert "pip install -e '.[agents]'" in run(command, "train", "x.yaml", cwd=folder, code=1, environment=own)
     run(python, "-c", "import agents", cwd=folder, code=1)
     files = run(python, "-c", "import importlib.metadata as m; print(*m.files('pcm_gym'), sep='\\n')", cwd=folder)
     tops = {name.partition("/")[0] for name in files.split()}
@@ -104,7 +104,7 @@ def try_sdist(sdist: Path, folder: Path, resolution: str) -> None:
     (source,) = (folder / "source").iterdir()
     python = make_environment(folder / "tester", resolution, f"{source}[test,render]")
     own = {"NUMBA_CACHE_DIR": str(folder / "kernels")}
-    said = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *SDIST_TESTS, cwd=source, **own)
+    said = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *SDIST_TESTS, cwd=source, environment=own)
     print(said.strip().splitlines()[-1])
 
 
