@@ -294,8 +294,8 @@ class Equilibrium:
 
         The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
         linear in the inputs near a fold, to zero: exact in the limit. Elsewhere it errs to both sides, by
-        several times at worst, and proves nothing; ``python -m benchmarks margins`` says how often it misleads. Where no
-        fold is near it means nothing but that; it is at most 10.
+        several times at worst, and proves nothing; ``python -m benchmarks margins`` says how often it misleads. Where
+        no fold is near it means nothing but that; it is at most 10.
         """
         return self._facts.singularity_margin
 
