@@ -29,17 +29,14 @@ if TYPE_CHECKING:
         Leg,
         Material,
         Mechanism,
-        MechanismFileError,
         Prismatic,
         Revolute,
         Rod,
         Round,
         Strip,
         get_mechanism,
-        load_mechanism,
         mechanism_names,
         register_mechanism,
-        save_mechanism,
     )
     from pcm_gym.solving import (
         Atlas,
@@ -191,7 +188,9 @@ __all__ = [
 if not TYPE_CHECKING:  # type checkers know the names above and no others
     # What stands in a room is imported when it is first asked for; each room imports those before it anyway.
     __getattr__ = attribute_loader(
-        __name__, __all__, rooms=("kernels", "mechanism", "solving", "tasks", "environments", "wrappers", "rendering")
+        __name__,
+        __all__,
+        rooms=("kernels", "mechanism", "solving", "tasks", "environments", "wrappers", "references", "rendering"),
     )
 
 
