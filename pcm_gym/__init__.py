@@ -29,14 +29,17 @@ if TYPE_CHECKING:
         Leg,
         Material,
         Mechanism,
+        MechanismFileError,
         Prismatic,
         Revolute,
         Rod,
         Round,
         Strip,
         get_mechanism,
+        load_mechanism,
         mechanism_names,
         register_mechanism,
+        save_mechanism,
     )
     from pcm_gym.solving import (
         Atlas,
