@@ -107,10 +107,11 @@ class RevoluteData(FileData):
     base: Pair = Field(description="The clamped point (x, y), m.")
     clamp_angle: float = Field(default=0.0, description="World angle of the clamp at input 0, rad.")
     limits: Pair = Field(default=Revolute.limits, description="Range (lower, upper) of the input, rad.")
+    greatest_torque: PositiveFloat | None = Field(default=None, description="Greatest moment to either side, N m.")
 
     def made(self) -> Revolute:
         """Return the motor."""
-        return Revolute(self.base, self.clamp_angle, self.limits)
+        return Revolute(self.base, self.clamp_angle, self.limits, self.greatest_torque)
 
 
 class PrismaticData(FileData):
@@ -121,10 +122,11 @@ class PrismaticData(FileData):
     axis_angle: float = Field(description="World angle of the axis, rad.")
     clamp_angle: float = Field(description="World angle at which the rod leaves the clamp, rad.")
     limits: Pair = Field(default=Prismatic.limits, description="Range (lower, upper) of the input, m.")
+    greatest_force: PositiveFloat | None = Field(default=None, description="Greatest force to either side, N.")
 
     def made(self) -> Prismatic:
         """Return the slider."""
-        return Prismatic(self.base, self.axis_angle, self.clamp_angle, self.limits)
+        return Prismatic(self.base, self.axis_angle, self.clamp_angle, self.limits, self.greatest_force)
 
 
 class LegData(FileData):

@@ -24,6 +24,7 @@ from pcm_gym.mechanism.validation import (
 )
 from pcm_gym.solving.atlas_file import AtlasError, read_atlas, write_atlas
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.solutions import StableStates
@@ -83,6 +84,9 @@ class Atlas:
         Branch of the home equilibrium; None where there is none.
     over_inputs, over_poses : RasterStates
         All stable equilibria at the nodes of a raster of inputs, and of one of poses.
+    limits : tuple of "stress", "torque" or "contact"
+        Those of the structure that all of them keep: the usable workspace, see `StructuralLimits`. Two of one branch
+        may be joined only through equilibria that are left out.
     """
 
     mechanism: Mechanism
@@ -91,11 +95,13 @@ class Atlas:
     home_branch: int | None
     over_inputs: RasterStates
     over_poses: RasterStates
+    limits: tuple[LimitName, ...] = ()
 
     def __post_init__(self) -> None:
         mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         object.__setattr__(self, "load", mechanism.check_load(self.load))
         object.__setattr__(self, "rho_max", positive_number("rho_max", self.rho_max))
+        object.__setattr__(self, "limits", limits_of(mechanism, self.limits).names)
         for name in ("over_inputs", "over_poses"):
             if len(instance_of(name, getattr(self, name), RasterStates).raster.shape) != mechanism.dof:
                 raise ValueError(f"{name} must have {mechanism.dof} axes for mechanism {mechanism.name!r}")

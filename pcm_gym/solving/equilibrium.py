@@ -19,6 +19,7 @@ from pcm_gym.mechanism.validation import (
     finite_vector,
     instance_of,
     number_not_negative,
+    number_or_nan,
     whole_number,
 )
 
@@ -67,8 +68,7 @@ class RodState:
             object.__setattr__(self, name, finite_number(name, getattr(self, name)))
         curvature = number_not_negative("largest_curvature", self.largest_curvature)
         object.__setattr__(self, "largest_curvature", curvature)
-        if not (isinstance(self.stress_ratio, float) and math.isnan(self.stress_ratio)):
-            object.__setattr__(self, "stress_ratio", number_not_negative("stress_ratio", self.stress_ratio))
+        object.__setattr__(self, "stress_ratio", number_or_nan("stress_ratio", self.stress_ratio))
         object.__setattr__(self, "mode", whole_number("mode", self.mode, least=1))
         object.__setattr__(self, "force", _frozen(finite_vector("force", self.force, 2)))
 
