@@ -74,8 +74,10 @@ class RodData(FileData):
 
     def made(self) -> Rod:
         """Return the rod."""
-        section, material = self.section and self.section.made(), self.material and self.material.made()
-        return Rod(self.length, self.bending_stiffness, section, material)
+        parts: dict[str, Any] = {} if self.bending_stiffness is None else {"bending_stiffness": self.bending_stiffness}
+        parts |= {} if self.section is None else {"section": self.section.made()}
+        parts |= {} if self.material is None else {"material": self.material.made()}
+        return Rod(self.length, **parts)
 
 
 class RevoluteData(FileData):
