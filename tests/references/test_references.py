@@ -85,7 +85,8 @@ def test_a_planner_goes_as_many_steps_as_its_motion_has() -> None:
     env = make_batch(REACH, 6, difficulty="anywhere")
     env.reset(seed=7)
     simulation = env._simulation
-    planner = pcm_gym.MotionPlanner(env.mechanism, least_margin=simulation.settings.singular_margin)
+    scene = simulation.scenes[0]
+    planner = pcm_gym.MotionPlanner(env.mechanism, least_margin=scene.margin, roadmaps=[scene.roadmap])
     motions = planner.plan_many([env.equilibrium(row) for row in range(6)], [env.goal(row) for row in range(6)])
     lengths = [motion.length for motion in motions if motion is not None]
     assert len(lengths) == 6
