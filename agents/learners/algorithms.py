@@ -33,7 +33,7 @@ class Algorithm:
 
 
 ALGORITHMS: dict[str, Algorithm] = {
-    "PPO": Algorithm("stable_baselines3:PPO"),
+    "PPO": Algorithm("agents.learners.fast_ppo:FastPPO"),
     "A2C": Algorithm("stable_baselines3:A2C"),
     "SAC": Algorithm("stable_baselines3:SAC", is_off_policy=True),
     "TD3": Algorithm("stable_baselines3:TD3", is_off_policy=True),

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from agents.learners import features
 from agents.learners.algorithms import ALGORITHMS
@@ -19,7 +19,7 @@ from agents.learners.batches import make_batch
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
 from agents.learners.settings import AlgorithmName, ConfigError, LearnerSettings, ModelError
-from agents.learners.vector_adapter import CostPenalty, NativeVecEnv
+from agents.learners.vector_adapter import CostPenalty, EpisodeMonitor, NativeVecEnv
 
 # A saved model names the module of its features: models saved while that was agents/features.py load as well.
 sys.modules.setdefault("agents.features", features)
@@ -28,12 +28,12 @@ sys.modules.setdefault("agents.features", features)
 def make_training_env(settings: LearnerSettings) -> VecEnv:
     """Native batch of the experiment's environment, its episodes monitored, its costs taken from the rewards."""
     batch = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
-    monitored = VecMonitor(NativeVecEnv(batch))
+    monitored = EpisodeMonitor(NativeVecEnv(batch))
     return CostPenalty(monitored, settings.cost_weight) if settings.cost_weight > 0.0 else monitored
 
 
-def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
-    """Learner that has not seen a step yet.
+def new_learner(settings: LearnerSettings, kind: type[BaseAlgorithm] | None = None) -> BaseAlgorithm:
+    """Learner that has not seen a step yet, of the class in the table or of another one to compare it with.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
     env = _normalised(make_training_env(settings), settings)
     arguments = algorithm_arguments(settings, action_count=int(np.prod(env.action_space.shape or (1,))))
     try:
-        return ALGORITHMS[settings.algorithm].load_class()(
+        return (kind or ALGORITHMS[settings.algorithm].load_class())(
             policy="MultiInputPolicy", env=env, seed=settings.seed, device="cpu", **arguments
         )
     except (AssertionError, TypeError, ValueError) as error:
