@@ -73,7 +73,7 @@ def _measure(learner: Any, rollouts: int) -> Measure:
     while not isinstance(adapter, NativeVecEnv):
         adapter = adapter.venv
     generator = np.random.default_rng(0)
-    actions = generator.uniform(-1.0, 1.0, (count, *adapter.batch.action_space.shape)).astype(np.float32)
+    actions = generator.uniform(-1.0, 1.0, (count, *(adapter.batch.action_space.shape or ()))).astype(np.float32)
     callback = learner._init_callback(None)
 
     def step() -> None:

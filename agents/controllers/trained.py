@@ -1,8 +1,8 @@
 """The controller that has learnt."""
 
-from agents.controllers.view import View
 from agents.learners.policy import LearntPolicy
 from pcm_gym.arrays import Array
+from pcm_gym.references import View
 
 
 class TrainedController:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from agents.controllers.table import CONTROLLERS
+from agents.controllers.table import remarks
 from agents.learners.algorithms import ALGORITHMS
 from agents.learners.settings import (
     AlgorithmName,
@@ -25,7 +25,7 @@ MANAGED_HYPERPARAMETERS = frozenset(
 )
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
-ControllerName = Annotated[str, name_in(CONTROLLERS)]
+ControllerName = Annotated[str, name_in(remarks)]
 
 
 class EvaluationConfig(Section):

@@ -10,6 +10,7 @@
                 tensorboard/
                 checkpoints/<steps>/  every snapshot; the newest also holds the replay buffer, if there is one
                 evaluation.json, episodes.csv, report.html
+                policy.npz                the policy alone, as `agents.export` writes it
 """
 
 import json
@@ -25,6 +26,8 @@ from agents.learners.settings import UsageError
 
 CONFIG = "config.yaml"
 PROGRESS = "progress.csv"
+EVALUATION = "evaluation.json"
+POLICY = "policy.npz"
 
 _RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "numpy", "numba", "scipy")
 _LEVELS_ABOVE_A_MODEL = 3

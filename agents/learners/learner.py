@@ -1,5 +1,6 @@
 """The learner of an experiment: its environments, its algorithm, and snapshots of both."""
 
+import pickle
 import sys
 import warnings
 from collections.abc import Iterator
@@ -80,6 +81,15 @@ def load_model(algorithm: AlgorithmName, model: Path) -> BaseAlgorithm:
     no_buffer: dict[str, Any] = {"replay_buffer_class": None, "replay_buffer_kwargs": {}, "buffer_size": 1}
     with reading(model):
         return ALGORITHMS[algorithm].load_class().load(model, device="cpu", custom_objects=no_buffer)
+
+
+def load_normaliser(normalisation: Path) -> VecNormalize:
+    """Statistics that observations were normalised with, to act and not to learn."""
+    with reading(normalisation):
+        normaliser = pickle.loads(normalisation.read_bytes())
+        if not isinstance(normaliser, VecNormalize):
+            raise TypeError(f"it holds a {type(normaliser).__name__}")
+    return normaliser
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """What a learner is told: sections of an experiment's configuration, checked before anything heavy is imported."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -28,19 +28,19 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def name_in(table: Mapping[str, object]) -> AfterValidator:
+def name_in(table: Callable[[], Mapping[str, object]]) -> AfterValidator:
     """Validator of a name that must be in the table; its error lists the names there are."""
 
     def checked(name: str) -> str:
-        if name not in table:
-            *others, last = map(repr, table)
+        if name not in table():
+            *others, last = map(repr, table())
             raise ValueError(f"Input should be {', '.join(others)} or {last}")
         return name
 
     return AfterValidator(checked)
 
 
-AlgorithmName = Annotated[str, name_in(ALGORITHMS)]
+AlgorithmName = Annotated[str, name_in(lambda: ALGORITHMS)]
 
 
 class EnvironmentConfig(Section):

@@ -74,14 +74,14 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts),
         **{name: verdicts[name] for name in Costs.__annotations__},
-        reward=_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
+        reward=foreseen_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
         terminated=verdicts["is_lost"],
     )
 
 
-def _rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers) -> Array:
-    """Return the rewards (m,) of steps of the rows `origin` (m,) that lead to inputs (m, legs) and features (m, f)."""
+def foreseen_rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers, ahead: int = 1) -> Array:
+    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs), features (m, f) in some steps."""
     task, rows = simulation.settings.task, simulation.rows
     achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
-    rewards, _ = task._scored(achieved, rows.goals_ahead(origin, 1))
+    rewards, _ = task._scored(achieved, rows.goals_ahead(origin, ahead))
     return rewards

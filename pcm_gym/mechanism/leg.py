@@ -1,30 +1,11 @@
-"""Rods, actuators and legs: the parts of a mechanism, as frozen and validated data."""
+"""Actuators and legs: the parts of a mechanism, as frozen and validated data."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
-from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, positive_number, shown
-
-
-@dataclass(frozen=True)
-class Rod:
-    """A slender, inextensible, initially straight elastic rod of constant cross-section.
-
-    Parameters
-    ----------
-    length : float
-        Length L in m, greater than 0.
-    bending_stiffness : float
-        EI in N m^2, greater than 0.
-    """
-
-    length: float = 1.0
-    bending_stiffness: float = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "length", positive_number("length", self.length))
-        object.__setattr__(self, "bending_stiffness", positive_number("bending_stiffness", self.bending_stiffness))
+from pcm_gym.mechanism.rod import Rod
+from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, shown
 
 
 @dataclass(frozen=True)
@@ -172,7 +153,7 @@ class Leg:
     """
 
     actuator: Actuator
-    rod: Rod = Rod()
+    rod: Rod = field(default_factory=Rod)
     attachment: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """What has been learnt, to act upon: policies as files of plain numbers, which need NumPy and nothing else.
 
-To be read in this order: `network` is the arithmetic from observations to actions, `files` how it is kept, `policy` what
-a user holds, and `shipped` which policies come with the package.
+To be read in this order: `network` is the arithmetic from observations to actions, `files` how it is kept, `policy`
+what a user holds, and `shipped` which policies come with the package.
 """
 
 from pcm_gym.policies.files import PolicyError, PolicyNotFoundError

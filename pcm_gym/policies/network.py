@@ -35,11 +35,12 @@ _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 def _elu(values: Singles) -> Singles:
-    return np.where(values > _ZERO, values, np.expm1(np.minimum(values, _ZERO)))
+    result: Singles = np.where(values > _ZERO, values, np.expm1(np.minimum(values, _ZERO)))
+    return result
 
 
 def _silu(values: Singles) -> Singles:
-    return values / (_ONE + np.exp(-values))
+    return np.asarray(values / (_ONE + np.exp(-values)), dtype=np.float32)
 
 
 ACTIVATIONS: dict[str, Callable[[Singles], Singles]] = {
@@ -80,7 +81,8 @@ class Normaliser:
     def __call__(self, observation: Any) -> Singles:
         """Normalised observations, of the same shape."""
         scaled = (observation - self.mean) / self.deviation
-        return np.minimum(np.maximum(scaled, -self.clip), self.clip).astype(np.float32)
+        result: Singles = np.minimum(np.maximum(scaled, -self.clip), self.clip).astype(np.float32)
+        return result
 
 
 @dataclass(frozen=True)

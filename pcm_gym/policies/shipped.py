@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from pcm_gym.mechanism.validation import text
+from pcm_gym.mechanism.validation import one_of, text
 from pcm_gym.policies.files import PolicyError
 from pcm_gym.policies.policy import Policy
 
@@ -41,9 +41,7 @@ class PolicyKey(NamedTuple):
     def of_file(cls, path: Path) -> "PolicyKey":
         """Return the key that a file's name stands for."""
         environment, difficulty, kind = path.name.removesuffix(ENDING).split(".")
-        return cls(
-            environment.replace("--", "/"), None if difficulty == _DEFAULT_DIFFICULTY else difficulty, kind
-        )
+        return cls(environment.replace("--", "/"), None if difficulty == _DEFAULT_DIFFICULTY else difficulty, kind)
 
 
 def shipped_policies() -> list[PolicyKey]:
@@ -51,9 +49,7 @@ def shipped_policies() -> list[PolicyKey]:
     return [PolicyKey.of_file(path) for path in sorted(FOLDER.glob(f"*{ENDING}"))]
 
 
-def load_policy(
-    source: str | os.PathLike[str], difficulty: str | None = None, kind: str = KINDS[0]
-) -> Policy:
+def load_policy(source: str | os.PathLike[str], difficulty: str | None = None, kind: str = KINDS[0]) -> Policy:
     """Return a policy, shipped with the package or from a file. It needs NumPy only, and runs no code of a file.
 
     Parameters
@@ -71,6 +67,8 @@ def load_policy(
     ------
     PolicyError
         If there is no such policy, the message lists those there are; if a file is none or damaged.
+    TypeError, ValueError
+        If an argument cannot be what it is for.
 
     Examples
     --------
@@ -80,9 +78,11 @@ def load_policy(
         observation, info = env.reset()
         action = policy(observation)
     """
-    if isinstance(source, os.PathLike) or source.endswith(ENDING):
+    if isinstance(source, os.PathLike) or text("source", source).endswith(ENDING):
         return Policy.load(source)
-    key = PolicyKey(text("source", source), difficulty, kind)
+    if difficulty is not None:
+        text("difficulty", difficulty)
+    key = PolicyKey(source, difficulty, one_of("kind", kind, KINDS))
     known = shipped_policies()
     if key not in known:
         listed = ", ".join(f"{own.environment_id} ({own.difficulty or 'default'}, {own.kind})" for own in known)

@@ -2,7 +2,7 @@
 
 import math
 
-from pcm_gym.mechanism.leg import Rod
+from pcm_gym.mechanism.rod import Rod
 
 _YOUNG_MODULUS = 200e9  # Pa
 _RADIUS = 1e-3  # m

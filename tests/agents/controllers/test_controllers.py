@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from agents.controllers.controller import Controller
-from agents.controllers.random import RandomController
-from agents.controllers.resolved_rate import ResolvedRateController, damped_solutions, pose_error
-from agents.controllers.table import CONTROLLERS, new_controller
-from agents.controllers.view import View
+from agents.controllers.table import new_controller, remarks
 from agents.evaluation.rollouts import make_evaluation_batch, run_episodes
 from agents.experiments.config import parse_config
 from agents.learners.learner import new_learner
 from agents.learners.policy import LearntPolicy
 from agents.learners.settings import EnvironmentConfig
+from pcm_gym.references import Controller, View
+from pcm_gym.references.random import RandomController
+from pcm_gym.references.resolved_rate import ResolvedRateController, damped_solutions, pose_error
 
 REACH = EnvironmentConfig(id="PCM/2RFR-Reach-v0")
 COUNT = 4
@@ -30,10 +29,10 @@ def view() -> View:
     observation, _ = env.reset(seed=50)
     under_way = np.array([True, True, False, True])
     generators = [np.random.default_rng(row) for row in range(COUNT)]
-    return View(env, observation, np.zeros(COUNT, dtype=np.int64), under_way, generators)
+    return View.of(env, observation, generators, under_way)
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", remarks())
 def test_every_controller_of_the_table_acts_within_bounds(name: str, policy: LearntPolicy, view: View) -> None:
     actions = new_controller(name, policy).act(view)
     assert actions.shape == view.action_shape == (COUNT, 2)

@@ -8,11 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.controllers.controller import Controller
-from agents.controllers.random import RandomController
-from agents.controllers.resolved_rate import ResolvedRateController
 from agents.controllers.trained import TrainedController
-from agents.controllers.view import View
 from agents.evaluation.episodes import NOTED_INFOS, EpisodeResult, StepLog, longest_run
 from agents.evaluation.rollouts import make_evaluation_batch, run_episodes
 from agents.experiments.config import parse_config
@@ -20,6 +16,9 @@ from agents.learners.files import MODEL, NORMALISATION
 from agents.learners.learner import new_learner, save_learner
 from agents.learners.policy import LearntPolicy, load_policy
 from agents.learners.settings import EnvironmentConfig
+from pcm_gym.references import Controller, View
+from pcm_gym.references.random import RandomController
+from pcm_gym.references.resolved_rate import ResolvedRateController
 
 SEEDS = (31, 41, 59, 26, 53, 58, 97)
 ENVIRONMENTS = {
