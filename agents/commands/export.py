@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from agents.commands.errors import errors_in_words
+from agents.commands.errors import errors_in_words, warn_of_foreign
 from agents.experiments.runs import POLICY, find_trained
 
 console = Console()
@@ -25,6 +25,7 @@ def export(
         from agents.experiments.export import exported  # loaded here because it loads torch, which --help does without
 
         files = find_trained(trained)
+        warn_of_foreign(console, files.pickles)
         path = output or files.folder / POLICY
         exported(files).save(path)
         console.print(f'Policy: {path}. Use it with: pcm_gym.load_policy("{path}")', markup=False, soft_wrap=True)

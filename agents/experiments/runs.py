@@ -6,6 +6,7 @@
                 versions.json         packages it was trained with
                 model.zip             the newest snapshot of the learner ...
                 normalisation.pkl     ... and the statistics its observations are normalised with
+                written_here.json         tells these files from those of others
                 progress.csv          the learning curve
                 tensorboard/
                 checkpoints/<steps>/  every snapshot; the newest also holds the replay buffer, if there is one
@@ -22,6 +23,7 @@ from importlib import metadata
 from pathlib import Path
 
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
+from agents.learners.provenance import MARKS
 from agents.learners.settings import UsageError
 
 CONFIG = "config.yaml"
@@ -112,7 +114,7 @@ class RunFolder:
         return folder
 
     def _publish(self, newest: Path) -> None:
-        for name in (MODEL, NORMALISATION):
+        for name in (MODEL, NORMALISATION, MARKS):
             if (newest / name).exists():
                 shutil.copy2(newest / name, self.path / name)
         for snapshot in self.snapshots():
@@ -134,6 +136,11 @@ class TrainedFiles:
     model: Path
     normalisation: Path | None
     config: Path
+
+    @property
+    def pickles(self) -> list[Path]:
+        """Those of the files that are pickles."""
+        return [self.model] if self.normalisation is None else [self.model, self.normalisation]
 
 
 def find_trained(path: Path) -> TrainedFiles:

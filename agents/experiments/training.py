@@ -8,6 +8,7 @@ from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, Logger, T
 from agents.experiments.config import ExperimentConfig, load_config, save_config
 from agents.experiments.runs import RunError, RunFolder
 from agents.learners.callbacks import EpisodeStatistics, ProgressDisplay, Snapshots
+from agents.learners.lagrangian import CostController
 from agents.learners.learner import load_learner, new_learner, save_learner
 from agents.learners.progress import COST_COLUMN, STEPS_COLUMN, read_progress
 
@@ -79,6 +80,8 @@ def _learn(learner: BaseAlgorithm, config: ExperimentConfig, run: RunFolder) -> 
     display = ProgressDisplay()
     cost = max((row.get(COST_COLUMN, 0.0) for row in history), default=0.0)
     callbacks = CallbackList([EpisodeStatistics(cost), Snapshots(config.checkpoint_every, save), display])
+    if config.lagrangian is not None:
+        callbacks.callbacks.insert(0, CostController(config.lagrangian))  # its weight is in the snapshots
     remaining = config.total_steps - learner.num_timesteps
     try:
         learner.learn(remaining, callback=callbacks, reset_num_timesteps=learner.num_timesteps == 0)

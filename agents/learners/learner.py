@@ -19,18 +19,21 @@ from agents.learners.algorithms import ALGORITHMS
 from agents.learners.batches import make_batch
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
+from agents.learners.provenance import mark
 from agents.learners.settings import AlgorithmName, ConfigError, LearnerSettings, ModelError
 from agents.learners.vector_adapter import CostPenalty, EpisodeMonitor, NativeVecEnv
+from pcm_gym.wrappers import VectorSolverShield
 
 # A saved model names the module of its features: models saved while that was agents/features.py load as well.
 sys.modules.setdefault("agents.features", features)
 
 
 def make_training_env(settings: LearnerSettings) -> VecEnv:
-    """Native batch of the experiment's environment, its episodes monitored, its costs taken from the rewards."""
-    batch = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
-    monitored = EpisodeMonitor(NativeVecEnv(batch))
-    return CostPenalty(monitored, settings.cost_weight) if settings.cost_weight > 0.0 else monitored
+    """Native batch of the experiment's environment, shielded or not, its episodes monitored, its costs penalised."""
+    batch: Any = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
+    monitored = EpisodeMonitor(NativeVecEnv(VectorSolverShield(batch) if settings.shield else batch))
+    is_penalised = settings.cost_weight > 0.0 or settings.lagrangian is not None
+    return CostPenalty(monitored, settings.cost_weight) if is_penalised else monitored
 
 
 def new_learner(settings: LearnerSettings, kind: type[BaseAlgorithm] | None = None) -> BaseAlgorithm:
@@ -109,6 +112,7 @@ def save_learner(learner: BaseAlgorithm, folder: Path) -> None:
         normaliser.save(str(folder / NORMALISATION))
     if isinstance(learner, OffPolicyAlgorithm):
         learner.save_replay_buffer(folder / REPLAY_BUFFER)
+    mark(folder)
 
 
 def _normalised(env: VecEnv, settings: LearnerSettings) -> VecEnv:

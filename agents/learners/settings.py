@@ -65,6 +65,23 @@ class HindsightConfig(Section):
     strategy: Literal["future", "final", "episode"] = "future"
 
 
+class LagrangianConfig(Section):
+    """Weight of the cost that a controller turns until the mean cost of an episode is at a limit.
+
+    Attributes
+    ----------
+    cost_limit
+        Mean cost of an episode that is allowed.
+    proportional, integral, derivative
+        Gains of the controller: weight per cost, per cost and rollout, and per rise of the cost in a rollout.
+    """
+
+    cost_limit: Annotated[float, Field(ge=0)] = 0.0
+    proportional: Annotated[float, Field(ge=0)] = 0.5
+    integral: Annotated[float, Field(ge=0)] = 0.1
+    derivative: Annotated[float, Field(ge=0)] = 0.5
+
+
 class LearnerSettings(Protocol):
     """All that a learner is told; `agents.experiments.config.ExperimentConfig` says what each entry means."""
 
@@ -73,6 +90,8 @@ class LearnerSettings(Protocol):
     hyperparameters: dict[str, Any]
     hindsight: HindsightConfig | None
     cost_weight: float
+    lagrangian: LagrangianConfig | None
+    shield: bool
     num_envs: int
     seed: int
     normalisation: NormalisationConfig

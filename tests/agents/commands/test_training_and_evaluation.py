@@ -76,6 +76,7 @@ def test_run_holds_everything_needed_to_use_and_to_repeat_it(finished: RunFolder
         "report.html",
         "tensorboard",
         "versions.json",
+        "written_here.json",
     }
     assert [int(folder.name) for folder in finished.snapshots()] == [128, 256]
     assert json.loads(finished.versions.read_text()).keys() >= {"python", "torch", "gymnasium", "stable-baselines3"}
