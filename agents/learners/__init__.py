@@ -5,6 +5,6 @@ To be read in this order: `algorithms` is the table of what can be chosen by nam
 arrays. `hyperparameters` turns plain data into arguments, `features` is what networks see, `fast_ppo` is PPO with a
 loop for large batches and `surrogate` its loss. `learner` makes, saves and loads a learner, `policy` acts as it has
 learnt. Beside the learning, `callbacks` keep statistics and snapshots and `lagrangian` weighs the cost; `progress` is
-the learning curve on disk, `files` what a snapshot consists of and `provenance` who wrote it. `export` makes policies of
-plain numbers.
+the learning curve on disk, `files` what a snapshot consists of and `provenance` who wrote it. `export` makes policies
+of plain numbers.
 """
