@@ -7,9 +7,20 @@ from typing import Any, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 from pcm_gym.solving import Atlas
-from pcm_gym.tasks import TASKS, OnInstability, Path, ReachDifficulty, RewardType, SwitchDifficulty, Task
+from pcm_gym.tasks import (
+    TASKS,
+    OnInstability,
+    Path,
+    ReachDifficulty,
+    RewardType,
+    Split,
+    SwitchDifficulty,
+    Task,
+    TrackDifficulty,
+)
 
 Workspace = Atlas | str | os.PathLike[str] | None
+Observe = Literal["all", "rig", "pose"]
 
 
 class EnvironmentArguments(TypedDict, total=False):
@@ -33,8 +44,18 @@ class EnvironmentArguments(TypedDict, total=False):
         any other task: its name, once registered, its class, or itself.
     reward_type : "dense" or "sparse"
         How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
+    shaping : float, optional
+        Discount factor c of the agent, in (0, 1]. With it, rewards contain `c P(s') - P(s)`, where the potential P of a
+        state falls by 0.01 with every step of a planner between it and the goal, and is 0 where stability is lost: it
+        guides the agent and changes no best policy (A. Y. Ng, D. Harada, S. Russell, 1999, ICML). Not for goals that
+        move. `compute_reward` is without it.
+    split : "train" or "test"
+        Which episodes are drawn. Those of training and test never come nearer to each other than 0.02 mean rod lengths,
+        the root of the sum of the squared distances of their starts and goals, and are of other variants where loads or
+        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither.
     difficulty : str, optional
-        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
+        The tier: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach`, `Track` and `Switch`. With
+        "rig" the defaults of what follows `load` are those of a real rig, see `pcm_gym.environments.rig`.
     path : "circle", "eight", "spline" or "any", optional
         For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
     success_distance : float
@@ -68,6 +89,9 @@ class EnvironmentArguments(TypedDict, total=False):
     observation_noise : float
         Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
         stability are exact.
+    observe : "all", "rig" or "pose"
+        What is sensed of a state: everything; what a rig has, which is the pose, the inputs and what the actuators
+        give; or the pose alone. With the last two `achieved_goal` has the noise of the pose, too.
     """
 
     render_mode: Literal["rgb_array"] | None
@@ -75,7 +99,9 @@ class EnvironmentArguments(TypedDict, total=False):
     render_workspace: Workspace
     task: str | type[Task] | Task
     reward_type: RewardType
-    difficulty: ReachDifficulty | SwitchDifficulty | None
+    shaping: float | None
+    split: Split
+    difficulty: ReachDifficulty | TrackDifficulty | SwitchDifficulty | None
     path: Path | None
     success_distance: float
     hold_steps: int
@@ -90,6 +116,7 @@ class EnvironmentArguments(TypedDict, total=False):
     rate_limit: ArrayLike | None
     backlash: ArrayLike
     observation_noise: float
+    observe: Observe
 
 
 DEFAULTS: EnvironmentArguments = {
@@ -98,6 +125,8 @@ DEFAULTS: EnvironmentArguments = {
     "render_workspace": None,
     "task": "Reach",
     "reward_type": "dense",
+    "shaping": None,
+    "split": "train",
     "difficulty": None,
     "path": None,
     "success_distance": 0.02,
@@ -113,6 +142,7 @@ DEFAULTS: EnvironmentArguments = {
     "rate_limit": None,
     "backlash": 0.0,
     "observation_noise": 0.0,
+    "observe": "all",
 }
 
 

@@ -29,6 +29,8 @@ class Preview:
     event : int array (...)
         Numbers of `pcm_gym.Event`: 0 for none, 1 fold, 2 index change, 3 actuator limit, 4 solver failure.
     at_limit : bool array (...)
+    losses : int array (...)
+    is_dwelling : bool array (...)
     cost, cost_unstable, cost_singular, cost_solver : array (...)
     reward : array (...)
         The reward of the step, for the goal that counts then.
@@ -44,6 +46,8 @@ class Preview:
     residual: Array
     event: Integers
     at_limit: Mask
+    losses: Integers
+    is_dwelling: Mask
     cost: Array
     cost_unstable: Array
     cost_singular: Array
@@ -63,6 +67,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
     report = simulation.foresee(motion, chosen)
     verdicts, mechanism = report.verdicts.reshape(shape), simulation.settings.mechanism
     units = mechanism.units
+    rewards = foreseen_rewards(simulation, motion.inputs, report.features, origin)
     return Preview(
         pose=units.pose_from_kernel(motion.x[:, 2 * mechanism.leg_count :]).reshape(*shape, mechanism.dof),
         inputs=units.inputs_from_kernel(motion.inputs).reshape(actions.shape),
@@ -74,7 +79,9 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         at_limit=verdicts["at_limit"],
         cost=total_cost(verdicts),
         **{name: verdicts[name] for name in Costs.__annotations__},
-        reward=foreseen_rewards(simulation, motion.inputs, report.features, origin).reshape(shape),
+        losses=verdicts["losses"],
+        is_dwelling=verdicts["is_dwelling"],
+        reward=simulation.shaped(rewards, motion, origin, report.verdicts["is_lost"]).reshape(shape),
         terminated=verdicts["is_lost"],
     )
 

@@ -12,6 +12,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress
 from pcm_gym.kernels.stepping.report import Costs, Verdict
 from pcm_gym.mechanism.validation import finite_array, mapping, shown, truth_array, whole_array
+from pcm_gym.tasks import Progress
 
 
 class Info(TypedDict):
@@ -22,7 +23,8 @@ class Info(TypedDict):
     is_success : bool
         Whether the state is stable and at its goal, for `hold_steps` states in a row.
     cost : float
-        Sum of the three costs that follow. Each is 0 or 1, and 0 at reset.
+        Sum of the three costs that follow, which tell danger. Each is 0 or 1, and 0 at reset. It adds what happens
+        once to what may go on for long: as a budget take `losses`, or the steps of `is_dwelling`.
     cost_unstable : float
         1 where stability was lost on the way, or the state is unstable.
     cost_singular : float
@@ -42,6 +44,12 @@ class Info(TypedDict):
         change of the index, with which it goes on; else 4, a failure of the solver, 3, an actuator's limit, or 0, none.
     at_limit : bool
         Whether an increment was cut at an actuator's limit.
+    losses : int
+        How often stability was lost on the way: events. More than once where falls follow each other.
+    is_dwelling : bool
+        Whether the state is nearly singular or unstable: steps spent in danger.
+    energy_released : float
+        By the falls on the way, with `on_instability="snap"`, in N m.
     """
 
     is_success: bool
@@ -55,6 +63,9 @@ class Info(TypedDict):
     residual: float
     event: int
     at_limit: bool
+    losses: int
+    is_dwelling: bool
+    energy_released: float
 
 
 # An info tells a verdict field by field, after whether it is a success and the sum of the costs.
@@ -74,7 +85,9 @@ class Rows(NamedTuple):
     goals: Array  # (n, p, g): the goals of successive steps, over and over
     witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
     elapsed: Integers  # (n,): steps since the reset
-    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+    held: Integers  # (n,): states that are at their goal: in a row up to the present one, or of all steps
+    fewest_falls: Integers  # (n,): without which nothing leads to the goal
+    potential: Array  # (n,): of the present state, where a potential shapes the rewards
     lost: Mask  # (n,): whether a loss of stability has ended the episode
     commands: Array  # (n, legs): what the actuators have been told
     drives: Array  # (n, legs): where their drives are
@@ -83,6 +96,10 @@ class Rows(NamedTuple):
     def states(self) -> States:
         """The dynamic states."""
         return States(self.x, self.inputs, self.load)
+
+    def gone(self, rows: Integers) -> Progress:
+        """Return how the episodes of some rows have gone so far."""
+        return Progress(self.held[rows], self.elapsed[rows], self.fewest_falls[rows])
 
     @property
     def progress(self) -> GoalProgress:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array, Integers
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
 from pcm_gym.kernels.statics.states import States
@@ -30,6 +30,8 @@ _LIMIT_RESERVE = 2.0
 # Starts and goals keep this many times the margin below which a state counts as nearly singular.
 _RESERVE = 1.5
 _MOST_ROWS = 10_000_000
+# States that differ by less, in every number, are the same equilibrium.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -103,18 +105,46 @@ class Scene:
 
     def starts(self, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
-        numbers, roadmap = self._checked(numbers, threads, 1), self.roadmap
-        return self.beside(nodes_by_sums(roadmap.pose_density_sums, numbers[:, 0]), numbers[:, 1:], threads)
+        numbers = self._checked(numbers, threads, 1)
+        return self.beside(self.nodes(numbers[:, 0]), numbers[:, 1:], threads)
+
+    def nodes(self, numbers: Array) -> Integers:
+        """Return nodes (n,) drawn by `numbers` from [0, 1), evenly over the poses of each sheet."""
+        sums = self.roadmap.pose_density_sums
+        chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
+        return np.minimum(chosen, len(sums) - 1)
 
     def beside(self, nodes: ArrayLike, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
         numbers, nodes = self._checked(numbers, threads), self.roadmap.checked_nodes("nodes", nodes)
         if len(numbers) != len(nodes):
             raise ValueError(f"numbers must be as many as the nodes, {len(nodes)}, got {len(numbers)}")
-        states, pitch = self.at_nodes(nodes), np.array(self.pitch)
-        targets = states.inputs + (numbers - 0.5) * pitch
-        self._walk(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
+        states = self.at_nodes(nodes)
+        self.move_within_cells(states, numbers, threads)
         return states
+
+    def move_within_cells(self, states: States, numbers: ArrayLike, threads: int = 1) -> Mask:
+        """Move states of nodes within their cells, as `numbers` from [0, 1), (n, legs), tell, in place.
+
+        Returns which of them arrive: by a straight step that keeps stability and the reserve.
+        """
+        numbers, pitch = self._checked(numbers, threads), np.array(self.pitch)
+        self._check_states(states, len(numbers))
+        targets = states.inputs + (numbers - 0.5) * pitch
+        self._walk(states, targets, pitch, np.ones(len(numbers), dtype=np.int64), self.reserve, threads)
+        arrived: Mask = (states.inputs == targets).all(axis=1)
+        return arrived
+
+    def leads_straight(self, start: States, ends: States, threads: int = 1) -> Mask:
+        """Return from which starts (n, ...) the straight way of the inputs leads to the end, (n, ...), in stability."""
+        for states in (start, ends):
+            self._check_states(states, len(start.x))
+        moved, stride = States(*(array.copy() for array in start)), np.array(self.stride)
+        steps = np.abs((ends.inputs - start.inputs) / stride).max(axis=1, initial=0.0)
+        self._walk(moved, ends.inputs, stride, np.ceil(steps).astype(np.int64) + 1, 0.0, threads)
+        apart = np.abs(np.column_stack([moved.x - ends.x, moved.inputs - ends.inputs]))
+        is_there: Mask = apart.max(axis=1, initial=0.0) < _SAME
+        return is_there
 
     def at_nodes(self, nodes: ArrayLike) -> States:
         """Return the states of nodes (n,) of the roadmap."""
@@ -149,7 +179,7 @@ class Scene:
         if most < least:
             raise ValueError(f"steps_range must be (least, most), got {shown(steps_range)}")
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
-        self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
+        self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, self.reserve, threads)
 
     @cached_property
     def _walked_range(self) -> tuple[Array, Array]:
@@ -177,20 +207,16 @@ class Scene:
                 raise ValueError(f"states.{name} must be a writable float array {shape} in C order, got {shown(array)}")
             finite_array(f"states.{name}", array, shape)
 
-    def _walk(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
-        legs, reserve = self.mechanism.leg_table, self.reserve
+    def _walk(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
+        legs = self.mechanism.leg_table
 
         def part(first: int, last: int) -> None:
             rows = States(*(array[first:last] for array in states))
-            walk(legs, rows, targets[first:last], stride, steps[first:last], reserve)
+            walk(legs, rows, targets[first:last], stride, steps[first:last], least_margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
-
-
-def nodes_by_sums(sums: Array, numbers: Array) -> Integers:
-    """Return an index for each of the `numbers` from [0, 1), drawn in proportion to weights with these running sums."""
-    chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
-    return np.minimum(chosen, len(sums) - 1)
 
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:

@@ -29,6 +29,9 @@ class Verdict(Costs):
     residual: float
     event: int  # why the step ended, see `continuation`
     at_limit: bool  # whether an increment was cut at an actuator's limit
+    losses: int  # of stability on the way: events
+    is_dwelling: bool  # whether the state is nearly singular, or unstable
+    energy_released: float  # in falls on the way
     fraction: float  # of the way that was gone
     is_lost: bool  # whether a loss of stability ends the episode
     is_stable: bool  # whether the state is stable, and is not left by a loss of stability
@@ -115,6 +118,9 @@ def report_row(
     verdict["residual"] = tracked.residual
     verdict["event"] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdict["at_limit"] = is_cut
+    verdict["losses"] = 1 if is_instability(tracked.event) else 0
+    verdict["is_dwelling"] = is_unstable | (margin < rules.singular_margin)
+    verdict["energy_released"] = 0.0
     verdict["fraction"] = tracked.fraction
     verdict["is_lost"] = is_lost
     verdict["is_stable"] = is_stable
