@@ -17,7 +17,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from agents.experiments.config import parse_config
 from agents.learners.fast_ppo import FastPPO
 from agents.learners.learner import new_learner
-from agents.learners.vector_adapter import NativeVecEnv
 from benchmarks.timing import Measure, Summary
 
 LOOPS: dict[str, type[BaseAlgorithm]] = {"pcm_gym": FastPPO, "Stable-Baselines3": stable_baselines3.PPO}
@@ -69,16 +68,14 @@ def print_training(console: Console, found: Mapping[str, Mapping[str, Summary]])
 def _measure(learner: Any, rollouts: int) -> Measure:
     count = HYPERPARAMETERS["n_steps"]
     steps = rollouts * count * learner.n_envs
-    adapter = learner.get_env()
-    while not isinstance(adapter, NativeVecEnv):
-        adapter = adapter.venv
+    batch = learner.get_env().unwrapped.batch
     generator = np.random.default_rng(0)
-    actions = generator.uniform(-1.0, 1.0, (count, *(adapter.batch.action_space.shape or ()))).astype(np.float32)
+    actions = generator.uniform(-1.0, 1.0, (count, *batch.action_space.shape)).astype(np.float32)
     callback = learner._init_callback(None)
 
     def step() -> None:
         for own in actions:
-            adapter.batch.step(own)
+            batch.step(own)
 
     def collect() -> None:
         learner.collect_rollouts(learner.get_env(), callback, learner.rollout_buffer, count)

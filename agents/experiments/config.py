@@ -15,6 +15,7 @@ from agents.learners.settings import (
     Count,
     EnvironmentConfig,
     HindsightConfig,
+    ImitationConfig,
     LagrangianConfig,
     NormalisationConfig,
     Section,
@@ -55,7 +56,8 @@ class ExperimentConfig(Section):
     function by name (``policy_kwargs: {activation_fn: tanh}``) and a schedule that falls linearly over the training
     (``learning_rate: {start: 3e-4, end: 1e-5}``). `cost_weight` is the reward that a cost of one takes away while
     learning, and `lagrangian` lets a controller choose it; `shield` lets the learner act through a
-    `VectorSolverShield`. No evaluation knows of them.
+    `VectorSolverShield`. No evaluation knows of them. With `imitation` a reference is cloned first, in steps that are
+    among the `total_steps`.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -65,6 +67,7 @@ class ExperimentConfig(Section):
     hindsight: HindsightConfig | None = None
     cost_weight: Annotated[float, Field(ge=0)] = 0.0
     lagrangian: LagrangianConfig | None = None
+    imitation: ImitationConfig | None = None
     shield: bool = False
     num_envs: Count = 64
     total_steps: Count
@@ -83,9 +86,11 @@ class ExperimentConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _check_lagrangian(self) -> Self:
+    def _check_on_policy(self) -> Self:
         if self.lagrangian is not None and ALGORITHMS[self.algorithm].is_off_policy:
             raise ValueError(f"lagrangian: rewards in the replay buffer of {self.algorithm} keep their earlier weight")
+        if self.imitation is not None and ALGORITHMS[self.algorithm].is_off_policy:
+            raise ValueError(f"imitation: {self.algorithm} has no policy that can be cloned into; PPO and A2C have")
         if self.lagrangian is not None and self.cost_weight > 0.0:
             raise ValueError("lagrangian chooses the weight of the cost: cost_weight must be 0")
         return self

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import unwrap_vec_wrapper
 
 from agents.learners.infos import columns_of
 from agents.learners.settings import LagrangianConfig
@@ -50,10 +51,10 @@ class CostController(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._running: NDArray[np.float64] = np.zeros(self.training_env.num_envs)
-        layer: Any = self.training_env
-        while not isinstance(layer, CostPenalty):
-            layer = layer.venv
-        self._penalty = layer
+        penalty = unwrap_vec_wrapper(self.training_env, CostPenalty)
+        if penalty is None:
+            raise TypeError("the environments must take costs from rewards: there is no CostPenalty around them")
+        self._penalty = penalty
         learner: Any = self.model
         integral, cost, self._penalty.weight = getattr(learner, "cost_multiplier", (0.0, 0.0, 0.0))
         self._multiplier = Multiplier(integral, cost)

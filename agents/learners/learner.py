@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
@@ -19,6 +20,8 @@ from agents.learners.algorithms import ALGORITHMS
 from agents.learners.batches import make_batch
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
+from agents.learners.imitation import Imitation
+from agents.learners.lagrangian import CostController
 from agents.learners.provenance import mark
 from agents.learners.settings import AlgorithmName, ConfigError, LearnerSettings, ModelError
 from agents.learners.vector_adapter import CostPenalty, EpisodeMonitor, NativeVecEnv
@@ -77,6 +80,22 @@ def load_learner(settings: LearnerSettings, snapshot: Path) -> BaseAlgorithm:
     seed = np.random.SeedSequence([settings.seed, learner.num_timesteps]).generate_state(1)[0]
     learner.set_random_seed(int(seed))
     return learner
+
+
+def learning_callbacks(settings: LearnerSettings) -> list[BaseCallback]:
+    """What takes part in the learning beside the algorithm: imitation first, and who weighs the cost.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such reference to imitate.
+    """
+    callbacks: list[BaseCallback] = []
+    if settings.lagrangian is not None:
+        callbacks.append(CostController(settings.lagrangian))
+    if settings.imitation is not None:
+        callbacks.append(Imitation(settings.imitation, settings.seed))
+    return callbacks
 
 
 def load_model(algorithm: AlgorithmName, model: Path) -> BaseAlgorithm:

@@ -82,6 +82,31 @@ class LagrangianConfig(Section):
     derivative: Annotated[float, Field(ge=0)] = 0.5
 
 
+class ImitationConfig(Section):
+    """Cloning of a reference before the learning proper.
+
+    Attributes
+    ----------
+    reference
+        Name in `pcm_gym.references.REFERENCES`.
+    rounds, steps
+        How often steps are taken and learnt from, and how many each time. In the first round the reference acts: one
+        round is behaviour cloning, several are DAgger.
+    epochs, batch_size, learning_rate
+        How a round is learnt from.
+    critic_rollouts
+        Rollouts of the policy from which the critic alone learns, at the end.
+    """
+
+    reference: str = "planner"
+    rounds: Count = 8
+    steps: Count = 50_000
+    epochs: Count = 4
+    batch_size: Count = 1024
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    critic_rollouts: Annotated[int, Field(ge=0)] = 10
+
+
 class LearnerSettings(Protocol):
     """All that a learner is told; `agents.experiments.config.ExperimentConfig` says what each entry means."""
 
@@ -91,6 +116,7 @@ class LearnerSettings(Protocol):
     hindsight: HindsightConfig | None
     cost_weight: float
     lagrangian: LagrangianConfig | None
+    imitation: ImitationConfig | None
     shield: bool
     num_envs: int
     seed: int

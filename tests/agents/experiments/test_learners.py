@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import Logger
 from typer.testing import CliRunner
 
@@ -16,8 +16,9 @@ from agents.learners.algorithms import ALGORITHMS
 from agents.learners.callbacks import EpisodeStatistics
 from agents.learners.infos import columns_of
 from agents.learners.lagrangian import CostController, Multiplier, turned
-from agents.learners.learner import load_learner, new_learner, save_learner
-from agents.learners.settings import LagrangianConfig
+from agents.learners.learner import learning_callbacks, load_learner, new_learner, save_learner
+from agents.learners.settings import ConfigError, LagrangianConfig
+from pcm_gym.references import View, new_reference
 
 ID = "PCM/2RFR-Reach-v0"
 
@@ -28,6 +29,8 @@ def small(learner: str, **changes: Any) -> Any:
     sizes = {"n_steps": 8, "batch_size": 32, "learning_starts": 800, "buffer_size": 2_000, "gradient_steps": 1}
     own = {key: size for key, size in sizes.items() if key in content["hyperparameters"]}
     content["hyperparameters"] = content["hyperparameters"] | own
+    if content["imitation"] is not None:
+        content["imitation"] = {"reference": "resolved rate", "rounds": 2, "steps": 160, "critic_rollouts": 1}
     return parse_config(content | {"num_envs": 8} | changes)
 
 
@@ -45,9 +48,7 @@ def test_every_learner_learns_and_can_be_continued(learner: str, tmp_path: Path)
     config = installed(learner)
     trained: Any = new_learner(config)
     trained.set_logger(Logger(None, []))
-    callbacks: list[Any] = [EpisodeStatistics()]
-    if config.lagrangian is not None:
-        callbacks.append(CostController(config.lagrangian))
+    callbacks = [EpisodeStatistics(), *learning_callbacks(config)]
     before = [own.clone() for own in trained.policy.parameters()]
     trained.learn(960, callback=CallbackList(callbacks))
     assert any((own != other).any() for own, other in zip(trained.policy.parameters(), before, strict=True))
@@ -103,6 +104,49 @@ def test_the_weight_rises_while_the_cost_is_above_its_limit() -> None:
     assert weights[0] == 0.0
     assert len(set(weights)) > 2
     assert learner.cost_multiplier[-1] == penalty.weight
+
+
+def test_what_is_imitated_is_cloned_and_the_critic_alone_learns_after_it() -> None:
+    """Beside a fresh policy, on states that neither has seen; and the deviation is the error that is left."""
+    imitation = {"reference": "resolved rate", "rounds": 4, "steps": 4_000, "critic_rollouts": 0}
+    config = small("ppo_imitation", num_envs=64, imitation=imitation)
+    learners: list[Any] = [new_learner(config) for _ in range(3)]
+    fresh, without, with_critic = learners
+    for learner, rollouts in ((without, 0), (with_critic, 3)):
+        learner.set_logger(Logger(None, []))
+        own = small("ppo_imitation", num_envs=64, imitation=imitation | {"critic_rollouts": rollouts})
+        learner.set_random_seed(5)
+        learner.learn(1, callback=CallbackList([*learning_callbacks(own), Stop()]))
+        assert learner.num_timesteps == 4 * 63 * 64 + rollouts * 8 * 64 + 64
+    states, said = said_of("resolved rate", without)
+    errors = [np.abs(own.predict(states, deterministic=True)[0] - said).mean() for own in (fresh, without)]
+    assert errors[1] < 0.25 * errors[0]
+    assert float(without.policy.log_std.detach().exp().mean()) < 0.4
+    for name, parameter in without.policy.state_dict().items():
+        is_of_the_critic = "value" in name
+        assert bool((with_critic.policy.state_dict()[name] == parameter).all()) != is_of_the_critic, name
+
+
+class Stop(BaseCallback):
+    """Ends a training at its first step."""
+
+    def _on_step(self) -> bool:
+        return False
+
+
+def said_of(reference: str, learner: Any) -> tuple[Any, Any]:
+    """Return observations as the learner gets them, of its environments anew, and what the reference does there."""
+    env: Any = learner.get_env()
+    env.training = False
+    env.seed(77)
+    observations = env.reset()
+    generators = [np.random.default_rng(row) for row in range(learner.n_envs)]
+    return observations, new_reference(reference).act(View.of(env.unwrapped.batch, env.get_original_obs(), generators))
+
+
+def test_a_reference_that_there_is_not_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"imitation\.reference: name must be one of"):
+        learning_callbacks(small("ppo_imitation", imitation={"reference": "oracle"}))
 
 
 def test_nothing_is_lost_behind_the_shield_and_something_is_without() -> None:
