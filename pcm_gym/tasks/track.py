@@ -31,7 +31,7 @@ _HARMONICS, _TURN = 3, 1.0
 # Sizes with which a curve is tried, in mean rod lengths: the first is drawn from this range, the next ones are smaller.
 _SIZES, _SHRINKING, _TRIALS = (0.1, 0.4), 0.7, 5
 # At the edge the greatest size is sought in this range, so many times halved.
-_EDGE_SIZES, _HALVINGS = (0.1, 1.2), 5
+_EDGE_SIZES, _HALVINGS = (0.04, 1.2), 6
 # No path is smaller than so many distances that count as being at the goal: who stands still is far from it.
 _LEAST_SIZE = 4.0
 # Part of the states at their goal that makes a success.

@@ -61,8 +61,8 @@ def make_where(environment_id: str, **keywords: Any) -> Any:
     try:
         env.reset(seed=0)
     except ValueError as error:
-        assert "difficulty must not be" in str(error)
-        assert repr(env.mechanism.name) in str(error)
+        if f"difficulty must not be {keywords['difficulty']!r} for mechanism {env.mechanism.name!r}" not in str(error):
+            raise
         pytest.skip(str(error))
     return env
 
