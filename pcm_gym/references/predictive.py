@@ -73,6 +73,7 @@ class PredictiveController:
             lost = report.verdicts["is_lost"]
             # what is lost earns nothing any more
             left = np.where(lost, self._horizon - step, 1.0)
-            values[going] += np.where(lost, 0.0, rewards) - self._caution * left * total_cost(report.verdicts)
+            costs = total_cost(report.verdicts, simulation.settings.limits)
+            values[going] += np.where(lost, 0.0, rewards) - self._caution * left * costs
             going, motion = going[~lost], motion.copied(~lost)
         return values.reshape(count, each)

@@ -217,6 +217,8 @@ def _followed(scene: Scene, start: States, curve: Array, size: float, tier: _Tie
         reached = follow_path(legs, start.load, pose + own_size * points, largest, scene.reserve, x, inputs)
         if reached <= _PERIOD or not np.allclose(inputs[-1], inputs[0], rtol=0.0, atol=1e-8):
             return None
+        if not scene.structure.are_kept(x, inputs).all():
+            return None
     return _Followed(curve, size, x[:-1], inputs[:-1])
 
 
@@ -240,7 +242,12 @@ def _starts(scene: Scene, library: Paths, tier: _Tier, chosen: Integers, first: 
     poses = library.pose[chosen] + (library.size[chosen] * part)[:, None] * points
     mechanism, most = scene.mechanism, np.full(scene.mechanism.leg_count, math.inf)
     load = mechanism.units.kernel_from_load(np.array(scene.load))
+    known = States(*(array.copy() for array in states)) if scene.limits else states
     arrived = step_to_poses(mechanism.leg_table, load, poses, most, scene.reserve, states.x, states.inputs)
+    if scene.limits:
+        arrived &= scene.structure.are_kept(states.x, states.inputs)
+        for array, values in zip(states, known, strict=True):
+            array[~arrived] = values[~arrived]
     first[~arrived], part[~arrived] = nearest[~arrived], 1.0
     return states
 
