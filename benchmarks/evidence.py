@@ -255,5 +255,3 @@ def _rod_length(sheets: HomeSheets) -> float:
 
 def _copies(equilibrium: Equilibrium, count: int) -> States:
     return States(*(np.tile(values, (count, 1)) for values in equilibrium.kernel_values()))
-
-

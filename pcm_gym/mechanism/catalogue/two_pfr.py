@@ -34,9 +34,7 @@ def make() -> Mechanism:
 
 def make_paper() -> Mechanism:
     """Return the 2PFR of the paper's figures: vertical rails 0.4 m apart, steel wires clamped along them."""
-    rails = [
-        Prismatic(base=(0.2 * side, 0.0), axis_angle=_UP, clamp_angle=_UP, limits=(-0.5, 0.5)) for side in _SIDES
-    ]
+    rails = [Prismatic(base=(0.2 * side, 0.0), axis_angle=_UP, clamp_angle=_UP, limits=(-0.5, 0.5)) for side in _SIDES]
     return Mechanism(
         name="2PFR-paper",
         description=_DESCRIPTION,
