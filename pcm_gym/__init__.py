@@ -29,15 +29,19 @@ if TYPE_CHECKING:
         Leg,
         Material,
         Mechanism,
+        MechanismFileError,
         Prismatic,
         Revolute,
         Rod,
         Round,
         Strip,
         get_mechanism,
+        load_mechanism,
         mechanism_names,
         register_mechanism,
+        save_mechanism,
     )
+    from pcm_gym.policies import Policy, PolicyError, load_policy, shipped_policies
     from pcm_gym.solving import (
         Atlas,
         AtlasError,
@@ -136,6 +140,8 @@ __all__ = [
     "Obstacle",
     "PathCertificate",
     "PlanningError",
+    "Policy",
+    "PolicyError",
     "Preview",
     "Prismatic",
     "RasterStates",
@@ -173,6 +179,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "load_mechanism",
+    "load_policy",
     "mechanism_names",
     "nearest_fold",
     "observation_elements",
@@ -182,6 +189,7 @@ __all__ = [
     "register_task",
     "save_mechanism",
     "search_budget",
+    "shipped_policies",
     "snap",
     "solve_forward",
     "solve_inverse",
@@ -192,7 +200,17 @@ if not TYPE_CHECKING:  # type checkers know the names above and no others
     __getattr__ = attribute_loader(
         __name__,
         __all__,
-        rooms=("kernels", "mechanism", "solving", "tasks", "environments", "wrappers", "references", "rendering"),
+        rooms=(
+            "kernels",
+            "mechanism",
+            "policies",
+            "solving",
+            "tasks",
+            "environments",
+            "wrappers",
+            "references",
+            "rendering",
+        ),
     )
 
 

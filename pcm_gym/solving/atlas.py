@@ -69,7 +69,9 @@ class Atlas:
 
     `build_atlas` makes it, `save` keeps it, `load_atlas` brings it back. Two stable equilibria are on the same branch
     where a path of stable equilibria within the limits joins them. A branch may cover a pose several times (working
-    modes), and around a cusp also inputs. What is narrower than the pitch may be missing.
+    modes), and around a cusp also inputs. It holds what is met from its seeds: a branch that covers none of them, or is
+    narrower than the pitch, may be missing. That some stable equilibrium is there at a pose says little, that a branch
+    covers it says more: all branches of the 2RFR together cover just what both rods reach.
 
     Attributes
     ----------

@@ -293,8 +293,9 @@ class Equilibrium:
         """About how far, in input space, the nearest fold is, in rad and mean rod lengths; zero exactly at a fold.
 
         The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
-        linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
-        fold is near it means nothing but that; it is at most 10.
+        linear in the inputs near a fold, to zero: exact in the limit. Elsewhere it errs to both sides, by
+        several times at worst, and proves nothing; ``python -m benchmarks margins`` says how often it misleads. Where
+        no fold is near it means nothing but that; it is at most 10.
         """
         return self._facts.singularity_margin
 
