@@ -233,17 +233,26 @@ class Scene:
         self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
     ) -> None:
         """Walk as `walk` does; a walk also ends before the first step that would break a limit of the structure."""
-        if not self.structure:
-            self._walk_freely(states, targets, stride, steps, least_margin, threads)
+        if self.structure and steps.max(initial=0) > 1:
+            self._walk_step_by_step(states, targets, stride, steps, least_margin, threads)
             return
+        known = (states.x.copy(), states.inputs.copy()) if self.structure else ()
+        self._walk_freely(states, targets, stride, steps, least_margin, threads)
+        if self.structure:
+            is_broken = np.logical_not(self.structure.are_kept(states.x, states.inputs))
+            for array, values in zip(states, known, strict=False):
+                array[is_broken] = values[is_broken]
+
+    def _walk_step_by_step(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
         left, rows = steps.copy(), np.flatnonzero(steps > 0)
         while len(rows):
             moved = States(*(array[rows] for array in states))
-            self._walk_freely(moved, targets[rows], stride, np.minimum(left[rows], 1), least_margin, threads)
+            self._walk(moved, targets[rows], stride, np.ones_like(rows), least_margin, threads)
             goes_on = (moved.inputs != states.inputs[rows]).any(axis=1)
-            goes_on &= self.structure.are_kept(moved.x, moved.inputs)
             for array, values in zip(states, moved, strict=True):
-                array[rows[goes_on]] = values[goes_on]
+                array[rows] = values
             left[rows] -= 1
             rows = rows[goes_on & (left[rows] > 0)]
 

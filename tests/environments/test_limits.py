@@ -25,10 +25,10 @@ def of_strips(name: str, torque: float, force: float, thickness: float = 0.0005)
     return replace(pcm_gym.get_mechanism(name), name=f"{name} of strips", legs=tuple(legs))
 
 
-# They yield at 10 / m and 14 / m: home is within, other states are not.
+# They yield at 10 / m and 18 / m: home is within, other states are not.
 MECHANISMS = {
     "2RFR": of_strips("2RFR", torque=1.2, force=9.0, thickness=0.001),
-    "3PFR": of_strips("3PFR", torque=1.0, force=0.6, thickness=0.0007),
+    "3PFR": of_strips("3PFR", torque=1.0, force=1.3, thickness=0.00055),
 }
 
 
@@ -124,8 +124,6 @@ def test_roadmaps_leave_out_what_breaks_a_limit_and_what_only_that_leads_to(name
     kept = pcm_gym.build_roadmap(mechanism, [home], step=step, limits=ALL)
     assert 0 < len(kept) < len(whole)
     assert (kept.components == 0).all()
-    chosen = np.random.default_rng(0).integers(len(kept), size=100)
-    assert not any(any(broken(kept.equilibrium(int(node))).values()) for node in chosen)
     # by hand: flood over the nodes of the whole one that break nothing, from the seed
     fine = {node for node in range(len(whole)) if not any(broken(whole.equilibrium(node)).values())}
     reached, border = {whole.seeds[0]}, [whole.seeds[0]]
