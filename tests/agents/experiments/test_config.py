@@ -47,7 +47,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path, text: str, v
         ({"algorithm": "SAC", "hindsight": {}, "cost_weight": 1.0}, "cost_weight must be 0"),
         (
             {"evaluation": {"controllers": ["trained", "chance"]}},
-            r"evaluation\.controllers\.1: Input should be 'trained', 'random' or 'resolved rate'",
+            r"evaluation\.controllers\.1: Input should be 'trained', 'standing still', 'random', 'resolved rate'",
         ),
         ({"evaluation": {"controllers": ["random", "random"]}}, "controllers: named more than once: random"),
         ({"evaluation": {"controllers": []}}, "controllers: Tuple should have at least 1 item"),
