@@ -302,6 +302,26 @@ def certificates(
 
 
 @app.command()
+def training(
+    environment_id: Annotated[str, typer.Argument(help="Environment that is learnt.")] = "PCM/2RFR-Reach-v0",
+    num_envs: Annotated[int, typer.Option(min=1, help="Environments side by side.")] = 1024,
+    activation: Annotated[str, typer.Option(help="Activation function of the networks.")] = "relu",
+    rollouts: Annotated[int, typer.Option(min=1, help="Rollouts of 16 steps in one measurement.")] = 4,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 5,
+    json_path: JsonPath = None,
+) -> None:
+    """Measure steps of a batch, with inference, and with learning, beside Stable-Baselines3's own loop."""
+    from benchmarks.training import make_loops, print_training  # it loads torch, which the others do without
+
+    console, machine = _start()
+    with Progress(console=console, transient=True) as progress:
+        loops = make_loops(environment_id, num_envs, activation, rollouts)
+        found = _run(progress, "training", loops, repeats)
+    print_training(console, found)
+    _write(console, json_path, {"machine": machine}, {"training": found})
+
+
+@app.command()
 def margins(
     states: Annotated[int, typer.Option(min=2, help="States of each mechanism.")] = 10_000,
     mechanisms: Annotated[list[str] | None, typer.Option("--mechanism", help="Only these; all by default.")] = None,

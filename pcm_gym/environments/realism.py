@@ -83,7 +83,7 @@ class Randomisation:
                 replace(
                     leg,
                     actuator=replace(leg.actuator, base=tuple(base.tolist())),
-                    rod=Rod(leg.rod.length * factors[0], leg.rod.bending_stiffness * factors[1]),
+                    rod=leg.rod.scaled(*factors.tolist()),
                     attachment=tuple(attachment.tolist()),
                 )
             )

@@ -75,7 +75,7 @@ class PredictiveController:
             rewards = foreseen_rewards(simulation, motion.inputs, report.features, origin[going], step + 1)
             arrives = arrives_stable(report)
             # what does not arrive earns nothing any more, and costs as often as there are steps left
-            values[going] += np.where(arrives, rewards, 0.0)
-            values[going] -= self._caution * np.where(arrives, total_cost(report.verdicts), self._horizon - step)
+            costs = np.where(arrives, total_cost(report.verdicts, simulation.settings.limits), self._horizon - step)
+            values[going] += np.where(arrives, rewards, 0.0) - self._caution * costs
             going, motion = going[arrives], motion.copied(arrives)
         return values.reshape(count, each)

@@ -12,10 +12,10 @@ from pcm_gym.kernels.proofs.path_proof import (
     STOPPED,
     WRONG_INDEX,
     WRONG_STATE,
-    Path,
     new_proof,
     prove_pieces,
 )
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import check_kinds, instance_of, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -122,7 +122,7 @@ def certify_path(mechanism: Mechanism, equilibria: Sequence[Equilibrium]) -> Pat
     """
     equilibria = _checked(mechanism, equilibria)
     values = [equilibrium.kernel_values() for equilibrium in equilibria]
-    path = Path(*(np.array(arrays) for arrays in zip(*values, strict=True)))
+    path = States(*(np.array(arrays) for arrays in zip(*values, strict=True)))
     proof = new_proof(path)
     for _ in range(_MOST_PIECES // _PIECES_AT_ONCE):
         standing = prove_pieces(mechanism.leg_table, path, proof, _PIECES_AT_ONCE)

@@ -16,6 +16,7 @@ from pcm_gym.environments import registration
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.kernels.statics.states import States
+from pcm_gym.policies.network import Layer, Network
 from pcm_gym.solving.raster import Raster
 from pcm_gym.tasks import Reach
 
@@ -23,7 +24,7 @@ from pcm_gym.tasks import Reach
 ALIASES = {
     "legs": ("attachment",),
     "render_workspace": ("is not an atlas", "cannot be read"),
-    "path": ("is not an atlas", "cannot be read"),
+    "path": ("is not an atlas", "cannot be read", "ending of the file"),
     "rho_max": ("rho <=",),
     # arrays that are as long as another one
     "cells": ("states must have shape",),
@@ -152,6 +153,13 @@ def doors() -> Iterator[Door]:
 def _of_mechanisms() -> Iterator[Door]:
     pair = np.array([0.5, -0.25])
     yield Door("Rod", pcm_gym.Rod, {"length": 1.0, "bending_stiffness": 2.0})
+    made_of: dict[str, Any] = {"section": pcm_gym.Strip(0.02, 0.0005), "material": pcm_gym.SPRING_STEEL}
+    yield Door("Rod of a material", pcm_gym.Rod, {"length": 1.0, **made_of})
+    yield Door("Rod.scaled", pcm_gym.Rod(**made_of).scaled, {"length": 0.5, "stiffness": 2.0})
+    yield Door("Rod.stress_ratio", pcm_gym.Rod(**made_of).stress_ratio, {"curvature": 2.0})
+    yield Door("Round", pcm_gym.Round, {"radius": 0.001})
+    yield Door("Strip", pcm_gym.Strip, {"width": 0.02, "thickness": 0.0005})
+    yield Door("Material", pcm_gym.Material, {"modulus": 2e11, "yield_stress": 1e9, "density": 7850.0})
     clamp = {"base": pair, "clamp_angle": 0.5, "limits": np.array([-1.0, 1.0])}
     yield Door("Revolute", pcm_gym.Revolute, clamp, ("base", "limits"))
     yield Door("Prismatic", pcm_gym.Prismatic, {**clamp, "axis_angle": 0.25}, ("base", "limits"))
@@ -173,6 +181,7 @@ def _of_mechanisms() -> Iterator[Door]:
         yield Door("Mechanism.check_load", own.check_load, {"load": values}, ("load",))
         yield Door("Mechanism.hinges", own.hinges, {"pose": values}, ("pose",))
     yield Door("get_mechanism", pcm_gym.get_mechanism, {"name": "2RFR"})
+    yield Door("load_mechanism", pcm_gym.load_mechanism, {"path": "/nowhere.yaml"})
     yield Door("mechanism_names", pcm_gym.mechanism_names)
     yield Door("register_mechanism", pcm_gym.register_mechanism, {"mechanism": own})
 
@@ -186,6 +195,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     yield Door("Equilibrium.kernel_values", here.kernel_values)
     rod = here.rods[0]
     state = {"modulus": rod.modulus, "psi": rod.psi, "mode": rod.mode, "rho": rod.rho, "force": np.array([0.5, 0.25])}
+    state |= {"largest_curvature": rod.largest_curvature, "stress_ratio": 0.5}
     yield Door("RodState", pcm_gym.RodState, state, ("force",))
     asked = {"mechanism": own, "load": load, "rho_max": 9.0 if dof == 2 else 6.5}
     more = {"modes": [1, {1, 2}, (1, 2)][:dof], "refinement": 0}
@@ -210,6 +220,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     way = [here, pcm_gym.BranchTracker(own, here).step(inputs + 0.0625).equilibrium]
     yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
+    yield Door("critical_load", pcm_gym.critical_load, {"equilibrium": here, "reach": 1.0})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 
 
@@ -267,7 +278,18 @@ def _of_charts() -> Iterator[Door]:
     yield Door("SingularCurve.equilibrium", curves()[-1].equilibrium, {"k": 3})
     yield Door("find_crossings", pcm_gym.find_crossings, {"curves": curves()[-2:]})
     yield Door("load_atlas", pcm_gym.load_atlas, {"path": "/nowhere"})
+    yield Door("load_policy", pcm_gym.load_policy, {"source": "/nowhere.npz", "difficulty": "none", "kind": "best"})
+    yield Door("shipped_policies", pcm_gym.shipped_policies)
+    yield Door("Policy", pcm_gym.Policy, {"network": network(), "card": {}})
+    yield Door("Policy.load", pcm_gym.Policy.load, {"path": "/nowhere"})
     yield Door("UndecidedRegion.contains", _undecided().contains, {"equilibrium": home("2RFR")})
+
+
+def network() -> Network:
+    """Return a network of one layer, for two legs."""
+    layer = Layer(np.zeros((9, 2), dtype=np.float32), np.zeros(2, dtype=np.float32))
+    keys = ("observation", "achieved_goal", "desired_goal")
+    return Network(keys, (5, 2, 2), "concatenated", "tanh", "clip", 0.05, (layer,), None)
 
 
 def _undecided() -> pcm_gym.UndecidedRegion:

@@ -1,6 +1,8 @@
 """Following a path of poses: the inputs that lead the end-effector along it."""
 
-from pcm_gym.arrays import Array
+import numpy as np
+
+from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_step
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace
@@ -40,3 +42,21 @@ def follow_path(
         if not are_same(here.x, x[k], leg_count):
             return k
     return int(poses.shape[0])
+
+
+@kernel
+def step_to_poses(
+    legs: Array, load: Array, poses: Array, largest_step: Array, least_margin: float, x: Array, inputs: Array
+) -> Mask:
+    """Bring stable states `x` (n, size) at `inputs` (n, legs) to poses (n, d), one step each; return which arrive.
+
+    As `follow_path` does; those that do not arrive are left as they were.
+    """
+    count, size = x.shape
+    has_arrived = np.zeros(count, np.bool_)
+    path, path_x, path_inputs = np.empty((2, poses.shape[1])), np.empty((2, size)), np.empty((2, inputs.shape[1]))
+    for n in range(count):
+        path[0], path[1], path_x[0], path_inputs[0] = x[n, size - poses.shape[1] :], poses[n], x[n], inputs[n]
+        if follow_path(legs, load, path, largest_step, least_margin, path_x, path_inputs) == 2:
+            x[n], inputs[n], has_arrived[n] = path_x[1], path_inputs[1], True
+    return has_arrived

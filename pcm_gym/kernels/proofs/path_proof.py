@@ -27,6 +27,7 @@ from pcm_gym.kernels.statics.closure import (
 )
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally
 from pcm_gym.kernels.statics.stability import assess_stability
+from pcm_gym.kernels.statics.states import States
 
 # Where a proof stands: it goes on; all is proved; a given state is not the equilibrium that the branch comes to there;
 # the branch could not be proved any further; it was proved regular, and yet its index seemed to change.
@@ -44,14 +45,6 @@ _FIRST_GROWTH, _MORE_GROWTH = 1.0, 1.3
 LARGEST_GAP, _LARGEST_ERROR = 1e-9, 1e-5
 # A start from which Newton's method fails is singular, if its residual is below this, or no equilibrium.
 _LARGEST_RESIDUAL = 1e-8
-
-
-class Path(NamedTuple):
-    """Equilibria with straight lines in inputs and load between them."""
-
-    x: Array  # (m, size)
-    inputs: Array  # (m, legs)
-    load: Array  # (m, d)
 
 
 class Line(NamedTuple):
@@ -99,7 +92,7 @@ def new_node(leg_count: int, size: int) -> Node:
     return Node(np.zeros(1), np.zeros(size), np.zeros(size), np.zeros(leg_count), np.zeros(size - 2 * leg_count))
 
 
-def new_proof(path: Path) -> Proof:
+def new_proof(path: States) -> Proof:
     """Return a proof that has not begun."""
     (count, size), leg_count = path.x.shape, path.inputs.shape[1]
     progress = Progress(
@@ -127,7 +120,7 @@ def _copy_node(node: Node, out: Node) -> None:
 
 
 @kernel
-def _set_line(path: Path, number: int, line: Line) -> None:
+def _set_line(path: States, number: int, line: Line) -> None:
     """Let the line lead from an equilibrium of the path to the next."""
     n = path.inputs.shape[1]
     for k in range(line.first.shape[0]):
@@ -317,7 +310,7 @@ def _prove_piece(legs: Array, proof: Proof) -> tuple[bool, float]:
 
 
 @kernel
-def _take_piece(legs: Array, path: Path, proof: Proof) -> int:
+def _take_piece(legs: Array, path: States, proof: Proof) -> int:
     """Keep what was proved of a piece, and check the given states at its ends; return where the proof stands."""
     progress, (first, second), tube = proof.progress, proof.nodes, proof.tube
     if progress.tubes[0] == 0:
@@ -339,7 +332,7 @@ def _take_piece(legs: Array, path: Path, proof: Proof) -> int:
 
 
 @kernel
-def _begin(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+def _begin(legs: Array, path: States, proof: Proof, work: Workspace) -> int:
     """Set the first node; return where the proof stands."""
     node = proof.nodes[0]
     _set_line(path, 0, proof.line)
@@ -353,7 +346,7 @@ def _begin(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
 
 
 @kernel
-def _turn_into_line(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+def _turn_into_line(legs: Array, path: States, proof: Proof, work: Workspace) -> int:
     """Go on along the next line from the last node, at its start now."""
     node = proof.nodes[0]
     _set_line(path, proof.progress.line[0], proof.line)
@@ -362,7 +355,7 @@ def _turn_into_line(legs: Array, path: Path, proof: Proof, work: Workspace) -> i
 
 
 @kernel
-def _try_piece(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
+def _try_piece(legs: Array, path: States, proof: Proof, work: Workspace) -> int:
     """Try the next piece; return where the proof stands then."""
     progress, (first, second) = proof.progress, proof.nodes
     t, step = first.t[0], progress.step[0]
@@ -389,7 +382,7 @@ def _try_piece(legs: Array, path: Path, proof: Proof, work: Workspace) -> int:
 
 
 @kernel
-def prove_pieces(legs: Array, path: Path, proof: Proof, most: int) -> int:
+def prove_pieces(legs: Array, path: States, proof: Proof, most: int) -> int:
     """Prove that one branch leads along the lines of a path and through its states, trying at most so many pieces.
 
     Returns where the proof stands; called again with the same `proof`, it goes on.

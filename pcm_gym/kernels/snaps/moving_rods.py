@@ -25,14 +25,30 @@ from pcm_gym.kernels.statics.closure import (
     ARM_X,
     ARM_Y,
     ATTACH_X,
-    ATTACH_Y,
+    CLAMP_COS,
+    CLAMP_X,
     DEAD_LOAD_INDEX,
     FORCE_X,
     FORCE_Y,
     LENGTH,
+    STIFF_XX,
+    STIFF_XY,
+    STIFF_YY,
     STIFFNESS,
     Workspace,
     evaluate_rods,
+    pair,
+    stiffness_of,
+)
+from pcm_gym.kernels.statics.formulas import (
+    condensed_pull,
+    force_unit,
+    hinge_gap,
+    hinge_move,
+    moment,
+    pull_of,
+    scaled,
+    turned,
 )
 from pcm_gym.kernels.statics.newton import contracts
 from pcm_gym.kernels.statics.stability import Stability, judge_stiffness
@@ -152,11 +168,9 @@ def tip_angle(moving: MovingRods, leg: int, row: int) -> float:
 def tip_load(legs: Array, leg: int, moving: MovingRods, work: Workspace) -> tuple[float, float]:
     """Return the load g that a rod's tip sees, the rod's state in `rod`."""
     turn = tip_angle(moving, leg, ANGLE)
-    c = work.clamps[leg, 2] * math.cos(turn) - work.clamps[leg, 3] * math.sin(turn)
-    s = work.clamps[leg, 3] * math.cos(turn) + work.clamps[leg, 2] * math.sin(turn)
-    scale = legs[leg, LENGTH] ** 2 / legs[leg, STIFFNESS]
-    force_x, force_y = scale * moving.forces[NOW, leg, 0], scale * moving.forces[NOW, leg, 1]
-    return c * force_x + s * force_y, c * force_y - s * force_x
+    c, s = turned(pair(work.clamps[leg], CLAMP_COS), (math.cos(turn), math.sin(turn)))
+    unit = 1.0 / force_unit(legs[leg, LENGTH], legs[leg, STIFFNESS])
+    return turned((c, -s), scaled(unit, pair(moving.forces[NOW, leg], 0)))
 
 
 @kernel
@@ -268,11 +282,11 @@ def factorise_at(legs: Array, load: Array, hardness: float, moving: MovingRods, 
         _assemble(legs, i, hardness, moving, work)
         work.rods[i, DEAD_LOAD_INDEX] = _factorise(moving.matrix[i])
         _condense(legs, i, moving, work)
-        force_x, force_y = moving.forces[NOW, i, 0], moving.forces[NOW, i, 1]
-        right[0] -= force_x
-        right[1] -= force_y
+        force = pair(moving.forces[NOW, i], 0)
+        right[0] -= force[0]
+        right[1] -= force[1]
         if right.shape[0] == 3:
-            right[2] -= work.rods[i, ARM_X] * force_y - work.rods[i, ARM_Y] * force_x
+            right[2] -= moment(pair(work.rods[i], ARM_X), force)
     return judge_stiffness(legs, moving.x, work)
 
 
@@ -280,7 +294,7 @@ def factorise_at(legs: Array, load: Array, hardness: float, moving: MovingRods, 
 def solve_factorised(legs: Array, stiffness: Symmetric, moving: MovingRods, work: Workspace) -> None:
     """Solve the factorised system, in place, for the right sides of the rods (row 0), gaps and pose (`CHANGE`)."""
     change, force = moving.pose[CHANGE], moving.forces[CHANGE]
-    push_x, push_y, moment = change[0], change[1], (change[2] if change.shape[0] == 3 else 0.0)
+    push_x, push_y, turning = change[0], change[1], (change[2] if change.shape[0] == 3 else 0.0)
     for i in range(legs.shape[0]):
         right, length = moving.right[i, 0], legs[i, LENGTH]
         _substitute(moving.matrix[i], right)
@@ -288,18 +302,19 @@ def solve_factorised(legs: Array, stiffness: Symmetric, moving: MovingRods, work
         for q in range(right.shape[0]):
             gap_x -= length * moving.grid.weights[q] * moving.rods[i, SINE, q] * right[q]
             gap_y += length * moving.grid.weights[q] * moving.rods[i, COSINE, q] * right[q]
-        force[i, 0], force[i, 1] = _tip_force(work, i, -gap_x, -gap_y)
-        push_x -= force[i, 0]
-        push_y -= force[i, 1]
-        moment -= work.rods[i, ARM_X] * force[i, 1] - work.rods[i, ARM_Y] * force[i, 0]
-    move_x, move_y, turn = solve_symmetric(stiffness, push_x, push_y, moment)
-    change[0], change[1] = move_x, move_y
+        pull = condensed_pull(stiffness_of(work, i), pair(work.rods[i], ARM_X), (-gap_x, -gap_y))
+        force[i, 0], force[i, 1] = pull[0], pull[1]
+        push_x -= pull[0]
+        push_y -= pull[1]
+        turning -= pull[2]
+    move = solve_symmetric(stiffness, push_x, push_y, turning)
+    change[0], change[1] = move[0], move[1]
     if change.shape[0] == 3:
-        change[2] = turn
+        change[2] = move[2]
     for i in range(legs.shape[0]):
-        force_x, force_y = _tip_force(work, i, move_x - work.rods[i, ARM_Y] * turn, move_y + work.rods[i, ARM_X] * turn)
-        force[i, 0] += force_x
-        force[i, 1] += force_y
+        more = pull_of(stiffness_of(work, i), hinge_move(move, pair(work.rods[i], ARM_X)))
+        force[i, 0] += more[0]
+        force[i, 1] += more[1]
         for q in range(moving.right.shape[2]):
             moving.right[i, 0, q] += moving.right[i, 1, q] * force[i, 0] + moving.right[i, 2, q] * force[i, 1]
 
@@ -329,29 +344,21 @@ def scale_direction(legs: Array, moving: MovingRods) -> None:
 
 
 @kernel
-def _tip_force(work: Workspace, leg: int, x: float, y: float) -> tuple[float, float]:
-    """Return the force on the tip that moves it by (x, y)."""
-    a_xx, a_xy, a_yy = work.leg_stiffness[leg, 0], work.leg_stiffness[leg, 1], work.leg_stiffness[leg, 2]
-    return a_xx * x + a_xy * y, a_xy * x + a_yy * y
-
-
-@kernel
 def _set_tangents(legs: Array, leg: int, moving: MovingRods, work: Workspace) -> None:
     """Fill the tangents of a rod from its angles, its gap, and force and arm in the rod table."""
     rods, length, pose = moving.rods[leg], legs[leg, LENGTH], moving.pose[NOW]
-    clamp_c, clamp_s = work.clamps[leg, 2], work.clamps[leg, 3]
-    tip_x, tip_y = work.clamps[leg, 0], work.clamps[leg, 1]
+    clamp = pair(work.clamps[leg], CLAMP_COS)
+    tip_x, tip_y = 0.0, 0.0
     for q in range(rods.shape[1]):
-        c, s = math.cos(rods[ANGLE, q]), math.sin(rods[ANGLE, q])
-        rods[COSINE, q], rods[SINE, q] = clamp_c * c - clamp_s * s, clamp_s * c + clamp_c * s
+        rods[COSINE, q], rods[SINE, q] = turned(clamp, (math.cos(rods[ANGLE, q]), math.sin(rods[ANGLE, q])))
         tip_x += length * moving.grid.weights[q] * rods[COSINE, q]
         tip_y += length * moving.grid.weights[q] * rods[SINE, q]
-    c, s = (math.cos(pose[2]), math.sin(pose[2])) if pose.shape[0] == 3 else (1.0, 0.0)
-    work.rods[leg, ARM_X] = c * legs[leg, ATTACH_X] - s * legs[leg, ATTACH_Y]
-    work.rods[leg, ARM_Y] = s * legs[leg, ATTACH_X] + c * legs[leg, ATTACH_Y]
+    turn = (math.cos(pose[2]), math.sin(pose[2])) if pose.shape[0] == 3 else (1.0, 0.0)
+    arm = turned(turn, pair(legs[leg], ATTACH_X))
+    work.rods[leg, ARM_X], work.rods[leg, ARM_Y] = arm
     work.rods[leg, FORCE_X], work.rods[leg, FORCE_Y] = moving.forces[NOW, leg, 0], moving.forces[NOW, leg, 1]
-    moving.gaps[leg, 0] = tip_x - pose[0] - work.rods[leg, ARM_X]
-    moving.gaps[leg, 1] = tip_y - pose[1] - work.rods[leg, ARM_Y]
+    gap = hinge_gap(pair(work.clamps[leg], CLAMP_X), (tip_x, tip_y), pair(pose, 0), arm)
+    moving.gaps[leg, 0], moving.gaps[leg, 1] = gap
 
 
 @kernel
@@ -402,9 +409,9 @@ def _condense(legs: Array, leg: int, moving: MovingRods, work: Workspace) -> Non
         c_xy -= part * rods[SINE, q] * right[2, q]
         c_yy += part * rods[COSINE, q] * right[2, q]
     inverse = 1.0 / (c_xx * c_yy - c_xy * c_xy)
-    work.leg_stiffness[leg, 0] = c_yy * inverse
-    work.leg_stiffness[leg, 1] = -c_xy * inverse
-    work.leg_stiffness[leg, 2] = c_xx * inverse
+    work.leg_stiffness[leg, STIFF_XX] = c_yy * inverse
+    work.leg_stiffness[leg, STIFF_XY] = -c_xy * inverse
+    work.leg_stiffness[leg, STIFF_YY] = c_xx * inverse
 
 
 @kernel
