@@ -391,7 +391,7 @@ def references(
         task = progress.add_task("tiers", total=len(found))
         for tier in found:
             own = progress.add_task(f"{tier.id} {tier.name}", total=episodes * len({PLANNER, *chosen}))
-            of_tier, refusal = judge(tier, chosen, episodes, lambda _, own=own: progress.advance(own))
+            of_tier, refusal = judge(tier, chosen, episodes, partial(progress.advance, own))
             scores += of_tier
             refusals += [refusal] if refusal else []
             progress.remove_task(own)
