@@ -29,6 +29,9 @@ from pcm_gym.commands.output import (
 if TYPE_CHECKING:
     from pcm_gym import Equilibrium
 
+# Part of the way to the nearest fold by which it is passed: the tracker ends just before it, on the stable side.
+_BEYOND = 1.001
+
 Targets = Annotated[
     list[Numbers] | None,
     typer.Option("--to", parser=numbers, metavar="NUMBERS", help="Inputs to go to; may be given several times."),
@@ -191,14 +194,16 @@ def _edge(start: "Equilibrium", to: Numbers | None) -> "Equilibrium":
     """Return where stability is lost: here if there is none, on the way to some inputs, or at the nearest fold."""
     import pcm_gym
 
-    if not start.is_stable and to is None:
+    if to is None and not start.is_stable:
         return start
     if to is None:
         nearest = pcm_gym.nearest_fold(start)
         if nearest is None:
             raise RefusalError("there is no fold within the actuators' ranges: nothing to snap from")
-        return nearest.equilibrium
-    step = pcm_gym.BranchTracker(start.mechanism, start).step(to.values)
+        target = start.inputs + _BEYOND * (nearest.inputs - start.inputs)
+    else:
+        target = start.mechanism.check_inputs(to.values)
+    step = pcm_gym.BranchTracker(start.mechanism, start).step(target)
     if step.event not in (pcm_gym.Event.FOLD, pcm_gym.Event.INDEX_CHANGE):
         raise RefusalError(f"nothing to snap from: the way to these inputs loses no stability. {step.event.message}")
     return step.equilibrium
