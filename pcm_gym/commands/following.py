@@ -29,9 +29,6 @@ from pcm_gym.commands.output import (
 if TYPE_CHECKING:
     from pcm_gym import Equilibrium
 
-# Part of the way to the nearest fold by which it is passed: the tracker ends just before it, on the stable side.
-_BEYOND = 1.001
-
 Targets = Annotated[
     list[Numbers] | None,
     typer.Option("--to", parser=numbers, metavar="NUMBERS", help="Inputs to go to; may be given several times."),
@@ -200,10 +197,8 @@ def _edge(start: "Equilibrium", to: Numbers | None) -> "Equilibrium":
         nearest = pcm_gym.nearest_fold(start)
         if nearest is None:
             raise RefusalError("there is no fold within the actuators' ranges: nothing to snap from")
-        target = start.inputs + _BEYOND * (nearest.inputs - start.inputs)
-    else:
-        target = start.mechanism.check_inputs(to.values)
-    step = pcm_gym.BranchTracker(start.mechanism, start).step(target)
+        return nearest.equilibrium
+    step = pcm_gym.BranchTracker(start.mechanism, start).step(to.values)
     if step.event not in (pcm_gym.Event.FOLD, pcm_gym.Event.INDEX_CHANGE):
         raise RefusalError(f"nothing to snap from: the way to these inputs loses no stability. {step.event.message}")
     return step.equilibrium
