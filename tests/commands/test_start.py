@@ -69,7 +69,12 @@ def test_every_command_has_help_and_answers_in_json(shell: Shell, name: str) -> 
 
 
 def test_commands_of_the_checkout_have_help_of_their_own(shell: Shell) -> None:
-    for name, option in (("train", "--resume"), ("evaluate", "--episodes"), ("export", "--output"), ("figures", "--only")):
+    for name, option in (
+        ("train", "--resume"),
+        ("evaluate", "--episodes"),
+        ("export", "--output"),
+        ("figures", "--only"),
+    ):
         ended = shell(name, "--help")
         assert ended.code == 0
         assert option in ended.output
