@@ -29,14 +29,17 @@ if TYPE_CHECKING:
         Leg,
         Material,
         Mechanism,
+        MechanismFileError,
         Prismatic,
         Revolute,
         Rod,
         Round,
         Strip,
         get_mechanism,
+        load_mechanism,
         mechanism_names,
         register_mechanism,
+        save_mechanism,
     )
     from pcm_gym.policies import Policy, PolicyError, load_policy, shipped_policies
     from pcm_gym.solving import (
@@ -69,6 +72,7 @@ if TYPE_CHECKING:
         Snap,
         SnapStatus,
         StableStates,
+        StructuralLimits,
         TrackedStep,
         UndecidedRegion,
         build_atlas,
@@ -156,6 +160,7 @@ __all__ = [
     "SolverShield",
     "StableStates",
     "Strip",
+    "StructuralLimits",
     "Task",
     "TrackedStep",
     "UndecidedRegion",

@@ -16,6 +16,7 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.numerics.threads import LARGEST_PIECE, LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.stepping.limits import judge_rows
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium
@@ -170,10 +171,11 @@ class Simulation:
         states, aims, jobs = motion.states, Moves(moves, self._stride), []
         for scene, members in self._by_scene(motion.scene, rows):
 
-            def step(
-                first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
-            ) -> None:
-                step_batch(legs, states, chosen[first:last], aims, rules, report)
+            def step(first: int, last: int, scene: Scene = scene, members: Integers = members) -> None:
+                legs, chosen = scene.mechanism.leg_table, members[first:last]
+                step_batch(legs, states, chosen, aims, rules, report)
+                if scene.limits:
+                    judge_rows(legs, states, chosen, scene.structure.bounds, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
@@ -224,6 +226,7 @@ class Simulation:
             task.succeeded(progress, self.settings.hold_steps),
             verdicts,
             task.metrics(achieved, desired) | task.progress_metrics(progress),
+            self.settings.limits,
         )
 
     def shaped(self, rewards: Array, motion: Motion, origin: Integers, is_lost: Mask) -> Array:

@@ -31,6 +31,7 @@ from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.limits import StructuralLimits
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
 from pcm_gym.solving.planning import MotionPlanner, plan_motion
@@ -74,6 +75,7 @@ __all__ = [
     "Snap",
     "SnapStatus",
     "StableStates",
+    "StructuralLimits",
     "TrackedStep",
     "UndecidedRegion",
     "build_atlas",

@@ -22,6 +22,7 @@ from pcm_gym.mechanism.validation import (
     whole_number,
 )
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
+from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
 from pcm_gym.solving.roadmap import roadmap_raster
 from pcm_gym.tasks.memory import remembered
 
@@ -52,6 +53,8 @@ class Scene:
     origin : Equilibrium, optional
         A stable equilibrium under this load from which all episodes begin; by default they begin anywhere that stable
         paths reach from home.
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that starts, goals, and the ways between them keep, see `pcm_gym.StructuralLimits`.
     """
 
     mechanism: Mechanism
@@ -59,12 +62,14 @@ class Scene:
     stride: tuple[float, ...]
     margin: float
     origin: Equilibrium | None = None
+    limits: tuple[LimitName, ...] = ()
 
     def __post_init__(self) -> None:
         mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         object.__setattr__(self, "load", finite_tuple("load", self.load, mechanism.dof))
         object.__setattr__(self, "stride", finite_tuple("stride", self.stride, mechanism.leg_count))
         object.__setattr__(self, "margin", number_not_negative("margin", self.margin))
+        object.__setattr__(self, "limits", limits_of(mechanism, self.limits).names)
         if min(self.stride) <= 0.0:
             raise ValueError(f"stride must be greater than 0, got {self.stride}")
         if self.origin is not None and instance_of("origin", self.origin, Equilibrium).mechanism != mechanism:
@@ -74,6 +79,11 @@ class Scene:
     def reserve(self) -> float:
         """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
         return _RESERVE * self.margin
+
+    @cached_property
+    def structure(self) -> StructuralLimits:
+        """The limits of the structure."""
+        return StructuralLimits(self.mechanism, self.limits)
 
     @cached_property
     def pitch(self) -> tuple[float, ...]:
@@ -91,6 +101,18 @@ class Scene:
     def home(self) -> Equilibrium:
         """The home equilibrium under the load."""
         return _home(self.mechanism, self.load)
+
+    @property
+    def seed_name(self) -> str:
+        """What errors call the equilibrium that all else is reached from."""
+        return "home" if self.origin is None else "option equilibrium"
+
+    def check_seed(self) -> None:
+        """Raise a ValueError if the origin, or else home, breaks a limit."""
+        seed = self.origin or self.home
+        broken = self.structure.broken_by(seed)
+        if broken:
+            raise ValueError(f"{self.seed_name} must keep the limits {self.limits}, {seed!r} breaks {broken}")
 
     @property
     def roadmap(self) -> Roadmap:
@@ -210,6 +232,24 @@ class Scene:
     def _walk(
         self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
     ) -> None:
+        """Walk as `walk` does; a walk also ends before the first step that would break a limit of the structure."""
+        if not self.structure:
+            self._walk_freely(states, targets, stride, steps, least_margin, threads)
+            return
+        left, rows = steps.copy(), np.flatnonzero(steps > 0)
+        while len(rows):
+            moved = States(*(array[rows] for array in states))
+            self._walk_freely(moved, targets[rows], stride, np.minimum(left[rows], 1), least_margin, threads)
+            goes_on = (moved.inputs != states.inputs[rows]).any(axis=1)
+            goes_on &= self.structure.are_kept(moved.x, moved.inputs)
+            for array, values in zip(states, moved, strict=True):
+                array[rows[goes_on]] = values[goes_on]
+            left[rows] -= 1
+            rows = rows[goes_on & (left[rows] > 0)]
+
+    def _walk_freely(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
         legs = self.mechanism.leg_table
 
         def part(first: int, last: int) -> None:
@@ -244,12 +284,15 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
     seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
+    scene.check_seed()
+    roadmap = build_roadmap(
+        scene.mechanism, [seed], step=steps, least_margin=scene.reserve, limits=scene.structure.names
+    )
     if not len(roadmap):
-        name = "home" if scene.origin is None else "option equilibrium"
         raise ValueError(
-            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
-            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is {_RESERVE} "
-            "times singular_margin, by default half of the least max_action: one of these must be smaller"
+            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and limits "
+            f"{scene.limits}, to the middle of its cell of inputs; got {seed.singularity_margin:.3g} at inputs "
+            f"{seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the least max_action: "
+            "one of these must be smaller"
         )
     return roadmap

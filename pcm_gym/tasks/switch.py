@@ -164,7 +164,7 @@ class _Chart:
 
     def __init__(self, scene: Scene, may_fall: bool, seeds: list[Equilibrium]) -> None:
         step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
+        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve, limits=scene.limits)
         self._falls = find_falls(self.roadmap) if may_fall and len(self.roadmap) else None
         self._steps_per_way = steps_per_way(scene)
 

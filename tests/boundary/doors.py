@@ -152,7 +152,7 @@ def doors() -> Iterator[Door]:
 def _of_mechanisms() -> Iterator[Door]:
     pair = np.array([0.5, -0.25])
     yield Door("Rod", pcm_gym.Rod, {"length": 1.0, "bending_stiffness": 2.0})
-    made_of = {"section": pcm_gym.Strip(0.02, 0.0005), "material": pcm_gym.SPRING_STEEL}
+    made_of: dict[str, Any] = {"section": pcm_gym.Strip(0.02, 0.0005), "material": pcm_gym.SPRING_STEEL}
     yield Door("Rod of a material", pcm_gym.Rod, {"length": 1.0, **made_of})
     yield Door("Rod.scaled", pcm_gym.Rod(**made_of).scaled, {"length": 0.5, "stiffness": 2.0})
     yield Door("Rod.stress_ratio", pcm_gym.Rod(**made_of).stress_ratio, {"curvature": 2.0})
@@ -219,6 +219,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     way = [here, pcm_gym.BranchTracker(own, here).step(inputs + 0.0625).equilibrium]
     yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
+    yield Door("critical_load", pcm_gym.critical_load, {"equilibrium": here, "reach": 1.0})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 
 

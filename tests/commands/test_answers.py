@@ -92,6 +92,17 @@ def test_track_proves_its_way(shell: Shell) -> None:
     assert [(step["event"], step["certificate"]) for step in steps] == [("none", "proved")] * 2
 
 
+def test_plans_lead_to_the_goal_on_stable_equilibria(shell: Shell) -> None:
+    content = shell("plan", "2RFR", "--pose", "0.3,0.7", "--json").content
+    np.testing.assert_allclose(content["equilibria"][-1]["pose"], [0.3, 0.7], atol=1e-9)
+    assert all(each["is_stable"] for each in content["equilibria"])
+    assert np.abs(np.diff(content["inputs"], axis=0)).max() <= 0.1 + 1e-12
+    both = shell("plan", "2RFR", "--to", "2.3,1.2", "--step", "0.05,0.05", "--json").content
+    np.testing.assert_allclose(both["inputs"][-1], [2.3, 1.2], atol=1e-12)
+    assert both["length"] == len(both["inputs"]) - 1
+    assert "steps" in shell("plan", "2RFR", "--to", "2.3,1.2").output
+
+
 def test_fold_is_the_nearest_one(shell: Shell) -> None:
     expected = pcm_gym.nearest_fold(pcm_gym.home_equilibrium(pcm_gym.get_mechanism("2RFR")))
     assert expected is not None
