@@ -51,6 +51,7 @@ class Switch(Task):
     """
 
     with_inputs: ClassVar[bool] = True
+    has_split: ClassVar[bool] = True
 
     difficulty: SwitchDifficulty = "around"
 

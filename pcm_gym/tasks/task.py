@@ -79,11 +79,13 @@ class Task(ABC):
     """
 
     # Whether goals are whole equilibria, the steps after which they begin again, how many steps ahead the agent sees
-    # the goal beside the present one, and whether all states at their goal count for success, not those in a row.
+    # the goal beside the present one, whether all states at their goal count for success, not those in a row, and
+    # whether training and test draw episodes of different places: those of a task that draws few must not.
     with_inputs: ClassVar[bool] = False
     period: ClassVar[int] = 1
     look_ahead: ClassVar[tuple[int, ...]] = ()
     counts_all: ClassVar[bool] = False
+    has_split: ClassVar[bool] = False
 
     goals: Goals = field(repr=False)
 
