@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         register_mechanism,
         save_mechanism,
     )
+    from pcm_gym.policies import Policy, PolicyError, load_policy, shipped_policies
     from pcm_gym.solving import (
         Atlas,
         AtlasError,
@@ -139,6 +140,8 @@ __all__ = [
     "Obstacle",
     "PathCertificate",
     "PlanningError",
+    "Policy",
+    "PolicyError",
     "Preview",
     "Prismatic",
     "RasterStates",
@@ -176,6 +179,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "load_mechanism",
+    "load_policy",
     "mechanism_names",
     "nearest_fold",
     "observation_elements",
@@ -185,6 +189,7 @@ __all__ = [
     "register_task",
     "save_mechanism",
     "search_budget",
+    "shipped_policies",
     "snap",
     "solve_forward",
     "solve_inverse",
@@ -195,7 +200,17 @@ if not TYPE_CHECKING:  # type checkers know the names above and no others
     __getattr__ = attribute_loader(
         __name__,
         __all__,
-        rooms=("kernels", "mechanism", "solving", "tasks", "environments", "wrappers", "references", "rendering"),
+        rooms=(
+            "kernels",
+            "mechanism",
+            "policies",
+            "solving",
+            "tasks",
+            "environments",
+            "wrappers",
+            "references",
+            "rendering",
+        ),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from agents.commands.errors import errors_in_words
+from agents.commands.errors import errors_in_words, warn_of_foreign
 from agents.experiments.config import ExperimentConfig, load_config, parse_config
 from agents.experiments.runs import TrainedFiles, find_trained
 
@@ -30,6 +30,7 @@ def evaluate(
     """
     with errors_in_words(console):
         files = find_trained(trained)
+        warn_of_foreign(console, files.pickles)
         config = _overridden(load_config(files.config), episodes=episodes, seed=seed)
         _run(config, files, is_deterministic=deterministic, wants_report=report)
 

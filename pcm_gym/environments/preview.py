@@ -93,7 +93,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
 
 
 def foreseen_rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers, ahead: int = 1) -> Array:
-    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs), features (m, f) in some steps."""
+    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs) and features (m, f) some steps on."""
     task, rows = simulation.settings.task, simulation.rows
     achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
     rewards, _ = task._scored(achieved, rows.goals_ahead(origin, ahead))

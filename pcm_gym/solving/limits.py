@@ -81,7 +81,7 @@ class StructuralLimits:
 
     def are_kept(self, states: Array, inputs: Array) -> Mask:
         """Return which equilibria break none, (n,); see `broken`."""
-        kept: Mask = ~self.broken(states, inputs).any(axis=1)
+        kept: Mask = np.logical_not(self.broken(states, inputs).any(axis=1))
         return kept
 
     def broken_by(self, equilibrium: Equilibrium) -> tuple[LimitName, ...]:

@@ -12,7 +12,7 @@ from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over
-from pcm_gym.solving.roadmap import Roadmap, build_roadmap
+from pcm_gym.solving.roadmap import Roadmap, build_roadmap, roadmap_raster
 from pcm_gym.solving.roadmap_search import RoadmapSearch, Targets
 from pcm_gym.solving.straight_ways import StraightWays, Way
 
@@ -156,8 +156,8 @@ class MotionPlanner:
                 found[row] = None if own is None else self._motion(starts[row], own)
         return found
 
-    def _add(self, roadmap: Roadmap) -> None:
-        if len(roadmap):
+    def _add(self, roadmap: Roadmap | None) -> None:
+        if roadmap is not None and len(roadmap):
             self._searches.append(RoadmapSearch(roadmap, self._ways))
 
     def _beside(self, starts: Sequence[Equilibrium]) -> Iterator[tuple[RoadmapSearch, list[int], Integers]]:
@@ -169,7 +169,7 @@ class MotionPlanner:
         while left:
             if turn == len(self._searches):
                 self._add(_grown_from(starts[left[0]], self._step, self._ways))
-            if turn == len(self._searches):
+            if turn == len(self._searches):  # nothing keeps the margin there
                 left = left[1:]
                 continue
             search = self._searches[turn]
@@ -240,20 +240,17 @@ def _margin(stride: Array, least_margin: float | None) -> float:
     return number_not_negative("least_margin", least_margin)
 
 
-def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap:
-    """Return the roadmap around a start: grown from it, or from the middles of the cells beside it."""
-    mechanism, margin = start.mechanism, ways.least_margin
-    roadmap = build_roadmap(mechanism, [start], step=step, least_margin=margin)
-    if len(roadmap):
-        return roadmap
-    raster, (x, inputs, _) = roadmap.raster, start.kernel_values()
+def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap | None:
+    """Return the roadmap around a start, from the middles of cells beside it; None where no way leads to one."""
+    mechanism, (x, inputs, _) = start.mechanism, start.kernel_values()
+    raster = roadmap_raster(mechanism, step)
     nodes = raster.nodes(raster.cells_around(start.inputs))
     count = (len(nodes), 1)
     reached, arrives = ways.walked(np.tile(x, count), np.tile(inputs, count), mechanism.units.kernel_from_inputs(nodes))
     seeds = [
         Equilibrium.unchecked(mechanism, reached[n], nodes[n], start.load) for n in np.flatnonzero(arrives).tolist()
     ]
-    return build_roadmap(mechanism, seeds, step=step, least_margin=margin) if seeds else roadmap
+    return build_roadmap(mechanism, seeds, step=step, least_margin=ways.least_margin) if seeds else None
 
 
 @lru_cache(maxsize=_KEPT)

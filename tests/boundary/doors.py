@@ -16,6 +16,7 @@ from pcm_gym.environments import registration
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.kernels.statics.states import States
+from pcm_gym.policies.network import Layer, Network
 from pcm_gym.solving.raster import Raster
 from pcm_gym.tasks import Reach
 
@@ -274,7 +275,18 @@ def _of_charts() -> Iterator[Door]:
     yield Door("SingularCurve.equilibrium", curves()[-1].equilibrium, {"k": 3})
     yield Door("find_crossings", pcm_gym.find_crossings, {"curves": curves()[-2:]})
     yield Door("load_atlas", pcm_gym.load_atlas, {"path": "/nowhere"})
+    yield Door("load_policy", pcm_gym.load_policy, {"source": "/nowhere.npz", "difficulty": "none", "kind": "best"})
+    yield Door("shipped_policies", pcm_gym.shipped_policies)
+    yield Door("Policy", pcm_gym.Policy, {"network": network(), "card": {}})
+    yield Door("Policy.load", pcm_gym.Policy.load, {"path": "/nowhere"})
     yield Door("UndecidedRegion.contains", _undecided().contains, {"equilibrium": home("2RFR")})
+
+
+def network() -> Network:
+    """Return a network of one layer, for two legs."""
+    layer = Layer(np.zeros((9, 2), dtype=np.float32), np.zeros(2, dtype=np.float32))
+    keys = ("observation", "achieved_goal", "desired_goal")
+    return Network(keys, (5, 2, 2), "concatenated", "tanh", "clip", 0.05, (layer,), None)
 
 
 def _undecided() -> pcm_gym.UndecidedRegion:

@@ -77,7 +77,8 @@ def complaints_of_sdist(sdist: Path) -> Iterator[str]:
 
 def try_wheel(wheel: Path, folder: Path, resolution: str) -> None:
     """Install a wheel alone and use it as its users do, from a folder that knows nothing of the repository."""
-    python = make_environment(folder / "user", resolution, str(wheel))
+    python = make_environment(folder / "user", ROOT, resolution)
+    run("uv", "pip", "install", "--python", python, "--no-deps", wheel, cwd=folder)
     command = python.parent / "pcm-gym"
     own = {"NUMBA_CACHE_DIR": str(folder / "kernels")}
     assert run(command, "--version", cwd=folder).strip() == wheel.name.split("-")[1]
@@ -102,17 +103,19 @@ def try_sdist(sdist: Path, folder: Path, resolution: str) -> None:
     with tarfile.open(sdist) as archive:
         archive.extractall(folder / "source", filter="data")
     (source,) = (folder / "source").iterdir()
-    python = make_environment(folder / "tester", resolution, f"{source}[test,render]")
+    python = make_environment(folder / "tester", source, resolution, "--extra", "render", "--extra", "test")
+    run("uv", "pip", "install", "--python", python, "--no-deps", source, cwd=folder)
     own = {"NUMBA_CACHE_DIR": str(folder / "kernels")}
     said = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *SDIST_TESTS, cwd=source, environment=own)
     print(said.strip().splitlines()[-1])
 
 
-def make_environment(folder: Path, resolution: str, what: str) -> Path:
-    """Return the interpreter of a new environment in which something is installed."""
+def make_environment(folder: Path, project: Path, resolution: str, *extras: str) -> Path:
+    """Return the interpreter of a new environment, with what a project and some of its extras need."""
     run("uv", "venv", "--python", sys.executable, folder, cwd=folder.parent)
     python = folder / "bin" / "python"
-    run("uv", "pip", "install", "--python", python, "--resolution", resolution, what, cwd=folder.parent)
+    needed = ("--resolution", resolution, "-r", project / "pyproject.toml", *extras)
+    run("uv", "pip", "install", "--python", python, *needed, cwd=folder.parent)
     return python
 
 

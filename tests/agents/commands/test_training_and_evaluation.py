@@ -15,7 +15,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
+import pcm_gym
 from agents.commands.app import app
+from agents.experiments.config import load_config, parse_config
 from agents.experiments.runs import RunFolder
 from agents.learners.callbacks import Snapshots
 from agents.learners.progress import COST_COLUMN, STEPS_COLUMN, read_progress
@@ -74,6 +76,7 @@ def test_run_holds_everything_needed_to_use_and_to_repeat_it(finished: RunFolder
         "report.html",
         "tensorboard",
         "versions.json",
+        "written_here.json",
     }
     assert [int(folder.name) for folder in finished.snapshots()] == [128, 256]
     assert json.loads(finished.versions.read_text()).keys() >= {"python", "torch", "gymnasium", "stable-baselines3"}
@@ -190,6 +193,21 @@ def test_controllers_are_those_of_the_configuration_and_the_first_is_judged(run:
     assert "points above trained." in evaluated.output
     summaries = json.loads((run.path / "evaluation.json").read_text())["summaries"]
     assert [summary["policy"] for summary in summaries] == ["resolved rate", "trained"]
+
+
+def test_exported_policy_acts_as_the_model_and_says_where_it_comes_from(run: RunFolder) -> None:
+    exported = command("export", run.path)
+    assert exported.exit_code == 0, exported.output
+    card = pcm_gym.load_policy(run.path / "policy.npz").card
+    assert card["environment"] == {"id": "PCM/2RFR-Reach-v0", "kwargs": {}}
+    assert (card["algorithm"], card["training_steps"], card["seed"]) == ("PPO", 256, 0)
+    assert card["evaluation"] == json.loads((run.path / "evaluation.json").read_text())
+    assert card["versions"]["torch"] == json.loads(run.versions.read_text())["torch"]
+    assert parse_config(card["experiment"]) == load_config(run.config)
+    snapshot = run.snapshots()[0]
+    assert command("export", snapshot, "--output", run.path / "early.npz").exit_code == 0
+    early = pcm_gym.load_policy(run.path / "early.npz").card
+    assert (early["training_steps"], early["evaluation"]) == (128, None)
 
 
 class References(HTMLParser):

@@ -47,7 +47,7 @@ def act_by_resolved_rate(env: Any, observation: dict[str, np.ndarray], generator
 
 
 def plain_episode(environment: EnvironmentConfig, act: Act, episode: int, seed: int) -> EpisodeResult:
-    env: Any = gymnasium.make(environment.id, **environment.kwargs)
+    env: Any = gymnasium.make(environment.id, **environment.kwargs, split="test")
     generator, infos, rewards, is_over = np.random.default_rng([seed, 1]), [], [], False
     observation, _ = env.reset(seed=seed)
     while not is_over:
