@@ -15,6 +15,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress, Scale, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_array, instance_of, sequence_of, shown, whole_array, whole_number
+from pcm_gym.solving import Roadmap
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
@@ -106,6 +107,10 @@ class Task(ABC):
         ValueError
             If the scene has no such episodes.
         """
+
+    def roadmap(self, scene: Scene) -> Roadmap:
+        """Return what the ways from starts to goals are on."""
+        return scene.roadmap
 
     @property
     def behaviours(self) -> tuple[OnInstability, ...]:
