@@ -13,10 +13,14 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 import pcm_gym
+from pcm_gym.environments.registration import ENVIRONMENTS
 from pcm_gym.tasks import Switch
 
 # The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
 FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
+
+# The mechanisms that have environments.
+MECHANISMS = list(dict.fromkeys(own.mechanism for own in ENVIRONMENTS))
 
 INFO_TYPES = pcm_gym.Info.__annotations__
 METRICS = {"Track": {"share_at_goal": float, "error": float}, "Switch": {"fewest_falls": int}}

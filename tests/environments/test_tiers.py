@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 import pcm_gym
 from pcm_gym.tasks import GUARD, SPLITS, in_split
-from tests.environments.rollouts import make_bare, make_native
+from tests.environments.rollouts import MECHANISMS, make_bare, make_native
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 TIERS = [
     *(("Reach", difficulty) for difficulty in ("near", "anywhere", "detour", "rig")),
     *(("Track", difficulty) for difficulty in ("inside", "edge", "rig")),

@@ -10,9 +10,9 @@ import pytest
 import pcm_gym
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Goals, box_of, observation_elements
-from tests.environments.rollouts import folding_arguments, make_bare, make_native, sweeping_actions
+from tests.environments.rollouts import MECHANISMS, folding_arguments, make_bare, make_native, sweeping_actions
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 
 
 def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, float]:
