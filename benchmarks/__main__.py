@@ -184,7 +184,7 @@ def endurance(
             print_json(data={**asdict(case), "now": case.repeat()})
         return
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     ids = [name for name in pcm_gym.environment_ids() if name in {f"PCM/{own}-Reach-v0" for own in names}]
     chosen = list(itertools.product(ids, behaviours or BEHAVIOURS))
     tallies = []
@@ -257,7 +257,7 @@ def shield(
     The exit status is 1 if a shield loses stability, or does not keep its margin.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     chosen = list(itertools.product(names, difficulties or ["all"], behaviours or BEHAVIOURS, kinds or KINDS))
     found = []
     with Progress(console=console, transient=True) as progress:
@@ -334,7 +334,7 @@ def margins(
     20 % of those outside are not.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     found = []
     with Progress(console=console, transient=True) as progress:
         for name in names:
