@@ -9,7 +9,6 @@ import numba
 import numpy as np
 import pytest
 
-import pcm_gym
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
