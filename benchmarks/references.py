@@ -92,13 +92,12 @@ def tiers(ids: Sequence[str], split: str) -> list[Tier]:
 
 def _tiers_of(entry: Registered, split: str) -> Iterator[Tier]:
     kind, mechanism = task_type(entry.task), pcm_gym.get_mechanism(entry.mechanism)
-    shared = {"split": split} if "split" in DEFAULTS else {}
     for name in get_args(get_type_hints(kind).get("difficulty")) or ("",):
         own = {"difficulty": name} if name else {}
         allowed = kind(Goals(mechanism, with_inputs=kind.with_inputs), **own).behaviours
         if DEFAULTS["on_instability"] not in allowed:
             own["on_instability"] = allowed[0]
-        yield Tier(entry.id, name, {**shared, **own})
+        yield Tier(entry.id, name, {"split": split, **own})
 
 
 def judge(
