@@ -184,7 +184,7 @@ def endurance(
             print_json(data={**asdict(case), "now": case.repeat()})
         return
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     ids = [name for name in pcm_gym.environment_ids() if name in {f"PCM/{own}-Reach-v0" for own in names}]
     chosen = list(itertools.product(ids, behaviours or BEHAVIOURS))
     tallies = []
@@ -257,7 +257,7 @@ def shield(
     The exit status is 1 if a shield loses stability, or does not keep its margin.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     chosen = list(itertools.product(names, difficulties or ["all"], behaviours or BEHAVIOURS, kinds or KINDS))
     found = []
     with Progress(console=console, transient=True) as progress:
@@ -334,7 +334,7 @@ def margins(
     20 % of those outside are not.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     found = []
     with Progress(console=console, transient=True) as progress:
         for name in names:
@@ -391,7 +391,7 @@ def references(
         task = progress.add_task("tiers", total=len(found))
         for tier in found:
             own = progress.add_task(f"{tier.id} {tier.name}", total=episodes * len({PLANNER, *chosen}))
-            of_tier, refusal = judge(tier, chosen, episodes, lambda _, own=own: progress.advance(own))
+            of_tier, refusal = judge(tier, chosen, episodes, partial(progress.advance, own))
             scores += of_tier
             refusals += [refusal] if refusal else []
             progress.remove_task(own)

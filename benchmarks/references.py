@@ -102,9 +102,9 @@ def _tiers_of(entry: Registered, split: str) -> Iterator[Tier]:
 
 
 def judge(
-    tier: Tier, names: Sequence[str], episodes: int, advance: Callable[[str], None]
+    tier: Tier, names: Sequence[str], episodes: int, advance: Callable[[], None]
 ) -> tuple[list[Score], Refusal | None]:
-    """Return what references make of a tier, or why it is refused; `advance` is told of each episode that has ended.
+    """Return what references make of a tier, or why it is refused; `advance` is called for each episode that has ended.
 
     The planner is judged in any case: its steps are what those of the others are compared with.
     """
@@ -133,7 +133,7 @@ def _make(tier: Tier, rows: int) -> MechanismVectorEnv:
 
 
 def _run(
-    env: MechanismVectorEnv, name: str, episodes: int, advance: Callable[[str], None]
+    env: MechanismVectorEnv, name: str, episodes: int, advance: Callable[[], None]
 ) -> tuple[list[EpisodeResult], Steps]:
     """Return what episodes come to, and after how many steps those that do are first a success, by their seeds."""
     elapsed: Steps = {}
@@ -148,7 +148,7 @@ def _run(
     seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
     for result in run_episodes(env, name, new_reference(name), seeds, watch):
         results.append(result)
-        advance(name)
+        advance()
     return results, first
 
 

@@ -49,9 +49,9 @@ class Imitation(BaseCallback):
         self._said: list[NDArray[np.float32]] = []
 
     def _on_training_start(self) -> None:
-        if self.num_timesteps > 0:  # it has been done before the training was resumed
-            return
         learner: Any = self.model
+        if getattr(learner, "has_imitated", False):  # which is kept in snapshots
+            return
         self._generators = [np.random.default_rng([self._seed, row]) for row in range(learner.n_envs)]
         actor = [*learner.policy.mlp_extractor.policy_net.parameters(), *learner.policy.action_net.parameters()]
         self._optimizer = torch.optim.Adam(actor, lr=self._config.learning_rate)
@@ -66,6 +66,7 @@ class Imitation(BaseCallback):
             learner.collect_rollouts(learner.env, callback, learner.rollout_buffer, learner.n_steps)
             learner.rollout_buffer.advantages[:] = 0.0  # nothing draws the policy anywhere
             learner.train()
+        learner.has_imitated = True
 
     def _on_step(self) -> bool:
         return True

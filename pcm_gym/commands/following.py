@@ -191,7 +191,7 @@ def _edge(start: "Equilibrium", to: Numbers | None) -> "Equilibrium":
     """Return where stability is lost: here if there is none, on the way to some inputs, or at the nearest fold."""
     import pcm_gym
 
-    if not start.is_stable and to is None:
+    if to is None and not start.is_stable:
         return start
     if to is None:
         nearest = pcm_gym.nearest_fold(start)

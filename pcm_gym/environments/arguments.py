@@ -53,7 +53,8 @@ class EnvironmentArguments(TypedDict, total=False):
     split : "train" or "test"
         Which episodes are drawn. Those of training and test never come nearer to each other than 0.02 mean rod lengths,
         the root of the sum of the squared distances of their starts and goals, and are of other variants where loads or
-        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither.
+        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither, and a task from outside has two
+        parts only if it says so, with `has_split`.
     difficulty : str, optional
         The tier: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach`, `Track` and `Switch`. With
         "rig" the defaults of what follows `load` are those of a real rig, see `pcm_gym.environments.rig`.

@@ -52,7 +52,11 @@ class Simulation:
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self._discount = settings.shaping or 0.0
-        self._potentials = [] if settings.shaping is None else [Potential(scene) for scene in self.scenes]
+        self._potentials = (
+            []
+            if settings.shaping is None
+            else [Potential(scene, settings.task.roadmap(scene)) for scene in self.scenes]
+        )
         self.rows = self._rows_at_home()
         self.motion = Motion.of(self.rows)
 
@@ -208,7 +212,7 @@ class Simulation:
         if self._potentials:
             before = state.potential[rows]
             state.potential[rows] = self._potential(self.motion, rows, state.witness[rows], is_lost)
-            rewards += np.where(has_stepped, self._discount * state.potential[rows] - before, 0.0)
+            rewards = rewards + np.where(has_stepped, self._discount * state.potential[rows] - before, 0.0)
         measured, seen = self.sensors.measure(report.features, rows, generators), achieved
         if self.settings.observe != "all" and measured is not report.features:
             seen = task.goals._achieved(measured, state.inputs, rows)
@@ -234,7 +238,7 @@ class Simulation:
         if not self._potentials:
             return rewards
         after = self._potential(motion, np.arange(len(origin)), self.rows.witness[origin], is_lost)
-        return rewards + self._discount * after - self.rows.potential[origin]
+        return rewards + (self._discount * after - self.rows.potential[origin])
 
     def _potential(self, motion: Motion, rows: Integers, goals: Array, is_lost: Mask) -> Array:
         """Return the potentials (m,) of some rows of a motion, 0 where stability is lost; see `Potential` for goals."""

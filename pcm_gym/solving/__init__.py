@@ -7,7 +7,9 @@ a given pose (`solutions`: sets of them; `families`: those that are not isolated
 `fold_distance` measures how far it is from falling in the inputs, `critical_load` in the loads (`fold_search`: how).
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
 all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
-rasters (`raster`, `raster_states`, `atlas_file`). `progress` shows how far a search is.
+rasters (`raster`, `raster_states`, `atlas_file`). On roadmaps `planning` finds a `motion` (`motion_goals`: to where;
+`roadmap_search`: over which nodes; `straight_ways`: how it is shortened and verified). `progress` shows how far a
+search is.
 
 Symbols
 -------

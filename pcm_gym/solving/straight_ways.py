@@ -94,7 +94,7 @@ class StraightWays:
         plane = 2 * self.mechanism.leg_count + 2
         near = np.abs(x - other)[:, :plane] <= SAME_STATE * (1.0 + np.abs(x[:, :plane]))
         turns: Array = np.abs(np.sin(0.5 * (x - other)[:, plane:]))
-        same: Mask = np.concatenate([near, turns <= SAME_STATE], axis=1).all(axis=1)
+        same: Mask = np.asarray(np.concatenate([near, turns <= SAME_STATE], axis=1).all(axis=1))
         return same
 
     def shortened(self, ways: Sequence[Way]) -> list[Way | None]:

@@ -1,7 +1,7 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -41,6 +41,8 @@ class Reach(Task):
         inputs does not lead, but another way does; refused for mechanisms with hardly any such goals. Rig: anywhere,
         with what a real rig adds, see `pcm_gym.environments.rig`.
     """
+
+    has_split: ClassVar[bool] = True
 
     difficulty: ReachDifficulty = "anywhere"
 

@@ -78,6 +78,7 @@ class Track(Task):
     period: ClassVar[int] = _PERIOD
     look_ahead: ClassVar[tuple[int, ...]] = (1, 2, 4, 8)
     counts_all: ClassVar[bool] = True
+    has_split: ClassVar[bool] = True
 
     path: Path = "any"
     difficulty: TrackDifficulty = "inside"

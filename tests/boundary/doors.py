@@ -30,6 +30,7 @@ ALIASES = {
     "cells": ("states must have shape",),
     "branches": ("inputs must have shape",),
     "states": ("inputs must have shape",),
+    "inputs": ("states must have shape",),
     "generator_seeds": ("state must be of 2 environments",),
 }
 
@@ -265,6 +266,8 @@ def _of_charts() -> Iterator[Door]:
     yield Door("Roadmap.equilibrium", paths.equilibrium, {"node": 1})
     yield Door("Roadmap.checked_nodes", partial(paths.checked_nodes, "nodes"), {"nodes": np.array([0, 1])})
 
+    yield from _of_plans()
+
     window = {"mechanism": own, "load": np.zeros(2), "rho_max": 6.0, "progress": False, "grid": 1}
     window |= {"bounds": [(-0.25, 0.25)] * 2, "held": {}}
     yield Door("forward_singularities", pcm_gym.forward_singularities, {**window, "index": 0}, ("load", "bounds"))
@@ -418,6 +421,30 @@ def _of_resets(name: str) -> Iterator[Door]:
     mask = {"reset_mask": np.array([True, False])}
     masked = partial(_from_same_state, rows, "reset")
     yield Door("MechanismVectorEnv.reset", lambda **options: masked(seed=3, options=options), mask)
+
+
+def _of_plans() -> Iterator[Door]:
+    own, start, paths = mechanism("2PFR"), home("2PFR"), roadmap("2PFR")
+    how: dict[str, Any] = {"step": np.array([0.0625, 0.0625]), "least_margin": 0.0625}
+    planner = pcm_gym.MotionPlanner(own, **how)
+    motion = planner.plan(start, start.pose)
+    asked = {"start": start, "goal": start.pose, "mechanism": own, **how}
+    yield Door("plan_motion", lambda **given: pcm_gym.plan_motion(**given).inputs, asked, ("goal", "step"))
+    of_planner = {"mechanism": own, "load": np.zeros(2), **how, "roadmaps": [paths]}
+    made = Door(
+        "MotionPlanner",
+        lambda **given: pcm_gym.MotionPlanner(**given).plan(start, start.pose).length,
+        of_planner,
+        ("load", "step"),
+    )
+    yield made
+    asked = {"start": start, "goal": start.pose}
+    yield Door("MotionPlanner.plan", lambda **given: planner.plan(**given).inputs, asked, ("goal",))
+    many = {"starts": [start], "goals": [start.pose]}
+    yield Door("MotionPlanner.plan_many", lambda **given: len(planner.plan_many(**given)), many)
+    fields = {name: getattr(motion, name) for name in pcm_gym.Motion.__dataclass_fields__}
+    yield Door("Motion", lambda **given: pcm_gym.Motion(**given).length, fields, ("load", "inputs", "states"))
+    yield Door("Motion.path_length", motion.path_length, {"step": np.array([0.0625, 0.0625])}, ("step",))
 
 
 def _with_budget(tests: float) -> float:

@@ -20,6 +20,7 @@ EXEMPT = {
     "Equilibrium.unchecked": "its name says so: solvers make equilibria by it, of arrays that they have made",
     "Atlas.save": "it writes a file: the tests of the atlas",
     "AtlasError": "an exception",
+    "PlanningError": "an exception",
     "RodCrossing": "a named tuple, which the package hands out",
     "MechanismFileError": "an exception",
     "Policy.save": "it writes a file: the tests of policies",

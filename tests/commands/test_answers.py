@@ -112,13 +112,21 @@ def test_fold_is_the_nearest_one(shell: Shell) -> None:
     assert shell("fold", "2RFR", "--reach", "0.01", "--json").content["fold"] is None
 
 
-def test_snap_falls_from_the_nearest_fold_and_from_what_is_unstable(shell: Shell) -> None:
-    for arguments in ([], ["--number", "2"]):
+def test_snap_falls_from_the_fold_on_a_way_and_from_what_is_unstable(shell: Shell) -> None:
+    for arguments in (["--to=4.6,3.5"], ["--number", "2"]):
         content = shell("snap", "2RFR", *arguments, "--json").content
         assert content["status"] == "landed"
         assert content["landing"]["is_stable"]
         assert content["energy_released"] == pytest.approx(content["from"]["energy"] - content["landing"]["energy"])
-    assert "rest" in shell("snap", "2RFR").output
+    assert "rest" in shell("snap", "2RFR", "--to=4.6,3.5").output
+
+
+def test_snap_says_where_nothing_falls(shell: Shell) -> None:
+    """At the fold that is nearest to the home of the 2RFR no small disturbance lowers the energy."""
+    content = shell("snap", "2RFR", "--json").content
+    assert content["status"] == "stayed"
+    assert content["landing"] is None
+    assert "No small disturbance" in shell("snap", "2RFR").output
 
 
 def test_loads_bear(shell: Shell) -> None:

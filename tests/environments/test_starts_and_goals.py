@@ -11,9 +11,9 @@ from scipy import stats
 import pcm_gym
 from pcm_gym.tasks import Reach, Scene
 from pcm_gym.tasks.distances import distances
-from tests.environments.rollouts import assert_same, make_bare, make_native
+from tests.environments.rollouts import MECHANISMS, assert_same, make_bare, make_native
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 
 
 def steps_towards(env: Any, inputs: Any) -> list[Any]:

@@ -114,7 +114,7 @@ def make_environment(folder: Path, project: Path, resolution: str, *extras: str)
     """Return the interpreter of a new environment, with what a project and some of its extras need."""
     run("uv", "venv", "--python", sys.executable, folder, cwd=folder.parent)
     python = folder / "bin" / "python"
-    needed = ("--resolution", resolution, "-r", project / "pyproject.toml", *extras)
+    needed: tuple[str | Path, ...] = ("--resolution", resolution, "-r", project / "pyproject.toml", *extras)
     run("uv", "pip", "install", "--python", python, *needed, cwd=folder.parent)
     return python
 

@@ -13,7 +13,7 @@ RAYS = 128
 
 def stable_states(name: str, count: int, seed: int) -> list[Equilibrium]:
     """Return stable equilibria at random inputs: of two legs any, of a platform those that home leads to."""
-    mechanism, rng = get_mechanism(name), np.random.default_rng(seed)
+    mechanism, rng = get_mechanism(f"{name}-paper"), np.random.default_rng(seed)
     found: list[Equilibrium] = []
     while len(found) < count:
         inputs = rng.uniform(0.8 * mechanism.lower_limits, 0.8 * mechanism.upper_limits)
@@ -98,10 +98,10 @@ def test_it_is_the_buckling_load_of_two_columns():
 
 
 def test_an_unstable_equilibrium_is_refused():
-    unstable = next(own for own in solve_forward(get_mechanism("2RFR"), (2.0, 1.0)) if not own.is_stable)
+    unstable = next(own for own in solve_forward(get_mechanism("2RFR-paper"), (2.0, 1.0)) if not own.is_stable)
     with pytest.raises(ValueError, match="equilibrium must be stable, got one of index"):
         critical_load(unstable)
 
 
 def test_nothing_is_found_within_a_short_reach():
-    assert critical_load(home_equilibrium(get_mechanism("2RFR")), reach=1.0) is None
+    assert critical_load(home_equilibrium(get_mechanism("2RFR-paper")), reach=1.0) is None

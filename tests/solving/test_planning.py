@@ -17,7 +17,7 @@ COUNT = 40
 
 @pytest.fixture(scope="module")
 def mechanism() -> Mechanism:
-    return pcm_gym.get_mechanism("2RFR")
+    return pcm_gym.get_mechanism("2RFR-paper")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_where_the_straight_way_keeps_stability_it_is_the_motion(
 
 @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])
 def test_a_pose_is_met_in_any_working_mode(name: str) -> None:
-    own = pcm_gym.get_mechanism(name)
+    own = pcm_gym.get_mechanism(f"{name}-paper")
     start = pcm_gym.home_equilibrium(own)
     there = BranchTracker(own, start).step(start.inputs + 0.1 * np.arange(1, own.leg_count + 1) * own.units.length)
     assert there.event is Event.NONE
@@ -225,7 +225,7 @@ def test_bad_arguments_are_named(mechanism: Mechanism) -> None:
     start = pcm_gym.home_equilibrium(mechanism)
     with pytest.raises(TypeError, match="start must be an Equilibrium"):
         plan_motion(start.inputs, start)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"pose must have shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"goal must have shape \(2,\)"):
         plan_motion(start, [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="goal key must be one of"):
         plan_motion(start, {"place": [0.0, 0.0]})
@@ -233,9 +233,13 @@ def test_bad_arguments_are_named(mechanism: Mechanism) -> None:
         plan_motion(start, {})
     with pytest.raises(ValueError, match="step must be greater than 0"):
         plan_motion(start, start, step=[0.1, 0.0])
+    with pytest.raises(ValueError, match="step must be at least 1/10000 of the range"):
+        plan_motion(start, start, step=[0.1, 1e-9])
+    with pytest.raises(ValueError, match=r"goal\['pose'\] must"):
+        plan_motion(start, {"pose": [0.0, np.inf]})
     with pytest.raises(ValueError, match="least_margin must be at least 0"):
         plan_motion(start, start, least_margin=-1.0)
     with pytest.raises(TypeError, match="mechanism must be a Mechanism"):
         plan_motion(start, start, mechanism="2RFR")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="start must be of a mechanism with legs like those"):
-        plan_motion(start, start, mechanism=pcm_gym.get_mechanism("3PFR"))
+        plan_motion(start, start, mechanism=pcm_gym.get_mechanism("3PFR-paper"))

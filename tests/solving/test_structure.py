@@ -89,7 +89,7 @@ def test_largest_curvature_is_that_of_the_angle_to_eight_digits(equilibria):
 def test_stress_is_that_of_bending():
     # 20 x 0.5 mm, 200 GPa, 1 GPa: by hand it yields at 1 / (200 * 0.25 mm) = 20 / m, and EI is 0.041667 N m^2
     rod = Rod(1.0, section=Strip(0.02, 0.0005), material=SPRING_STEEL)
-    home = get_mechanism("2RFR")
+    home = get_mechanism("2RFR-paper")
     strip = replace(home, legs=tuple(replace(leg, rod=rod) for leg in home.legs))
     for state in home_equilibrium(strip).rods:
         assert state.stress_ratio == pytest.approx(state.largest_curvature / 20.0, rel=1e-12)
@@ -98,7 +98,7 @@ def test_stress_is_that_of_bending():
 
 def test_home_agrees_with_shooting():
     # 2RFR, 120 and 60 degrees, EI = 0.1570796: largest curvature 2.231 / m, moment of the clamp 0.3504 N m
-    home = home_equilibrium(get_mechanism("2RFR"))
+    home = home_equilibrium(get_mechanism("2RFR-paper"))
     assert home.rods[0].largest_curvature == pytest.approx(2.231, abs=5e-4)
     assert np.abs(home.actuator_forces) == pytest.approx([0.3504] * 2, abs=5e-5)
 

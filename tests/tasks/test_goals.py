@@ -12,7 +12,7 @@ import pcm_gym
 from pcm_gym.mechanism import get_mechanism
 from pcm_gym.tasks import Goals, default_max_action
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = ("2RFR", "2PFR", "3PFR")
 
 distances = st.floats(0.0, 4.0)
 

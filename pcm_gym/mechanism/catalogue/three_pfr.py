@@ -37,12 +37,12 @@ class _Design(NamedTuple):
 
 
 # The hinges are turned so that home, with all rods bowed to one side, is at phi = 0.
-_DESIGN = _Design(STRIP, 1.5, math.radians(-50.0), math.radians(30.0), 0.74, 0.480883, (-0.7, 0.5))
+_DESIGN = _Design(STRIP, 1.6, math.radians(37.0), math.radians(32.0), 0.75, 0.326187, (-0.45, 0.8))
 _PAPER_DESIGN = _Design(WIRE, 0.7, 0.0, 0.9, 0.3, 0.0, (-0.5, 0.5))
 
 
 def make() -> Mechanism:
-    """Return the 3PFR: a large platform on steel strips, rails slanted outwards; home at the centre, rods bowed."""
+    """Return the 3PFR: a large platform on steel strips, rails slanted inwards; home at the centre, rods bowed."""
     return _with("3PFR", _DESIGN, (0.0, 0.0, 0.0))
 
 

@@ -150,7 +150,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_is_started_again(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["PCM/2RFR-Reach-v0", "--learner", "bbo"], ("learner 'bbo'", "ppo, ppo_lagrangian")),
+        (["PCM/2RFR-Reach-v0", "--learner", "bbo"], ("learner 'bbo'", "ppo, ppo_imitation")),
         (["PCM/4RFR-Reach-v0"], ("PCM/4RFR-Reach-v0: environment", "doesn't exist")),
         (["PCM/2RFR-Reach-v0", "--with", "difficulty=hard"], ("difficulty must be one of",)),
         (["PCM/2RFR-Reach-v0", "--with", "difficulty"], ("--with difficulty: an argument", "NAME=VALUE")),

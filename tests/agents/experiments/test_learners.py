@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
 from typer.testing import CliRunner
 
@@ -55,6 +55,11 @@ def test_every_learner_learns_and_can_be_continued(learner: str, tmp_path: Path)
     save_learner(trained, tmp_path)
     loaded: Any = load_learner(config, tmp_path)
     assert loaded.num_timesteps == trained.num_timesteps
+    if config.imitation is not None:
+        seen = loaded.num_timesteps
+        loaded.set_logger(Logger(None, []))
+        loaded.learn(1, callback=CallbackList(learning_callbacks(config)), reset_num_timesteps=False)
+        assert loaded.num_timesteps == seen + 64, "it is not imitated twice"
     if config.lagrangian is not None:
         assert loaded.cost_multiplier == trained.cost_multiplier
 
@@ -116,22 +121,16 @@ def test_what_is_imitated_is_cloned_and_the_critic_alone_learns_after_it() -> No
         learner.set_logger(Logger(None, []))
         own = small("ppo_imitation", num_envs=64, imitation=imitation | {"critic_rollouts": rollouts})
         learner.set_random_seed(5)
-        learner.learn(1, callback=CallbackList([*learning_callbacks(own), Stop()]))
-        assert learner.num_timesteps == 4 * 63 * 64 + rollouts * 8 * 64 + 64
+        learner.learn(1, callback=CallbackList(learning_callbacks(own)))
+        assert learner.num_timesteps == 4 * 63 * 64 + rollouts * 8 * 64
     states, said = said_of("resolved rate", without)
-    errors = [np.abs(own.predict(states, deterministic=True)[0] - said).mean() for own in (fresh, without)]
-    assert errors[1] < 0.25 * errors[0]
-    assert float(without.policy.log_std.detach().exp().mean()) < 0.4
+    before, left = (own.predict(states, deterministic=True)[0] - said for own in (fresh, without))
+    assert np.abs(left).mean() < 0.5 * np.abs(before).mean()
+    deviation = without.policy.log_std.detach().exp().numpy()
+    np.testing.assert_allclose(deviation, np.sqrt((left**2).mean(axis=0)), rtol=0.5)
     for name, parameter in without.policy.state_dict().items():
         is_of_the_critic = "value" in name
         assert bool((with_critic.policy.state_dict()[name] == parameter).all()) != is_of_the_critic, name
-
-
-class Stop(BaseCallback):
-    """Ends a training at its first step."""
-
-    def _on_step(self) -> bool:
-        return False
 
 
 def said_of(reference: str, learner: Any) -> tuple[Any, Any]:

@@ -23,6 +23,7 @@ TOLERANCE = 5e-6
 
 
 def learner_of(algorithm: str, **changes: Any) -> Any:
+    pytest.importorskip(ALGORITHMS[algorithm].path.split(":")[0])
     content = {
         "name": "x",
         "environment": {"id": "PCM/2RFR-Reach-v0"},
