@@ -41,7 +41,7 @@ def nearest_hit(space: Space, reach: float) -> Hit | None:
     """Return the nearest fold within `reach`, or None if no ray meets one.
 
     Where the segment to the nearest point of a smooth set ends, it is at a right angle to it: the shortest rays are
-    turned towards the fold's normal as long as that makes them shorter. At a cusp of the set there is none.
+    turned towards the fold's normal as long as that makes them shorter.
     """
     hits: list[Hit] = []
     for ray in _directions(space.size):
@@ -52,8 +52,7 @@ def nearest_hit(space: Space, reach: float) -> Hit | None:
     if not hits:
         return None
     hits.sort(key=lambda hit: hit.distance)
-    best = min((_descend(space, hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit.distance)
-    return best if np.linalg.norm(_turn(space, best)) < _RIGHT_ANGLE else _poll(space, best)
+    return min((_descend(space, hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit.distance)
 
 
 def _turn(space: Space, hit: Hit) -> Array:
@@ -85,8 +84,10 @@ def _shorter(space: Space, hit: Hit, turn: Array) -> Hit | None:
     return None
 
 
-def _poll(space: Space, hit: Hit) -> Hit:
-    """Turn the ray to all sides by ever smaller steps as long as that makes it shorter: to a cusp, for one."""
+def polled(space: Space, hit: Hit) -> Hit:
+    """Turn a ray that ends at no right angle to all sides, as long as that makes it shorter: to a cusp, for one."""
+    if np.linalg.norm(_turn(space, hit)) < _RIGHT_ANGLE:
+        return hit
     step = _FIRST_POLL
     while step > _DIRECTION_TOLERANCE:
         across, _ = np.linalg.qr(np.column_stack([hit.direction, np.eye(len(hit.direction))]))

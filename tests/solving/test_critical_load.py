@@ -41,7 +41,7 @@ def least_of_rays(equilibrium: Equilibrium, reach: float) -> float:
     return least
 
 
-@pytest.mark.parametrize(("name", "count"), [("2RFR", 12), ("2PFR", 8), ("3PFR", 6)])
+@pytest.mark.parametrize(("name", "count"), [("2RFR-paper", 12), ("2PFR-paper", 8), ("3PFR-paper", 6)])
 def test_no_direction_of_128_destabilises_with_less(name, count):
     compared = 0
     for equilibrium in stable_states(name, count, 5):
@@ -56,7 +56,7 @@ def test_no_direction_of_128_destabilises_with_less(name, count):
     assert compared >= count / 2
 
 
-@pytest.mark.parametrize(("name", "count"), [("2RFR", 6), ("2PFR", 4), ("3PFR", 4)])
+@pytest.mark.parametrize(("name", "count"), [("2RFR-paper", 6), ("2PFR-paper", 4), ("3PFR-paper", 4)])
 def test_at_the_critical_load_stability_is_lost_and_before_it_is_not(name, count):
     for equilibrium in stable_states(name, count, 7):
         found = critical_load(equilibrium)
@@ -75,7 +75,7 @@ def test_at_the_critical_load_stability_is_lost_and_before_it_is_not(name, count
 def test_the_load_acts_along_the_motion_that_loses_its_stiffness():
     # the normal of det K = 0 in load space, by the least eigenvector of the stiffness there; but at a cusp
     aligned, count = 0, 0
-    for equilibrium in stable_states("2RFR", 12, 9):
+    for equilibrium in stable_states("2RFR-paper", 12, 9):
         found = critical_load(equilibrium)
         if found is not None:
             _, vectors = np.linalg.eigh(found.equilibrium.stiffness)
