@@ -19,6 +19,7 @@ from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.certificates import print_tallies, try_paths
 from benchmarks.endurance import endure, read_cases, write_cases
+from benchmarks.geometries import FAMILIES, search
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
 from benchmarks.margins import judge_margins
@@ -401,6 +402,21 @@ def references(
     if json_path is not None:
         json_path.write_text(json.dumps({"machine": machine, **as_json(scores, refusals)}, indent=2) + "\n")
         console.print(f"Figures written to {json_path}")
+
+
+@app.command()
+def geometries(
+    path: Annotated[Path, typer.Argument(help="Where to write what is found, line by line; it may hold some already.")],
+    families: Annotated[
+        list[str] | None, typer.Option("--family", help=f"Of {list(FAMILIES)}; all by default.")
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, help="Points of each family's sequence.")] = 256,
+) -> None:
+    """Search for geometries that could be built and are worth controlling; some seconds for each point."""
+    with Progress(transient=True) as progress:
+        for name in families or FAMILIES:
+            task = progress.add_task(name, total=count)
+            search(name, count, path, partial(progress.advance, task))
 
 
 def _start() -> tuple[Console, dict[str, str]]:

@@ -37,7 +37,7 @@ class _Design(NamedTuple):
 
 
 # The hinges are turned so that home, with all rods bowed to one side, is at phi = 0.
-_DESIGN = _Design(STRIP, 1.6, math.radians(37.0), math.radians(32.0), 0.75, 0.326187, (-0.45, 0.8))
+_DESIGN = _Design(STRIP, 1.6, math.radians(37.0), math.radians(34.0), 0.75, 0.311900, (-0.48, 0.8))
 _PAPER_DESIGN = _Design(WIRE, 0.7, 0.0, 0.9, 0.3, 0.0, (-0.5, 0.5))
 
 
