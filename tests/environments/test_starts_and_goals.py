@@ -105,6 +105,7 @@ def test_goals_anywhere_are_reached_within_four_fifths_of_the_time(name: str) ->
     env = make_native(f"PCM/{name}-Reach-v0", 64)
     env.reset(seed=0)
     scene, limit = scene_of(env), gymnasium.spec(f"PCM/{name}-Reach-v0").max_episode_steps
+    assert limit is not None
     own, rows = distances(scene), env._simulation.rows
     witness = scene.states(rows.witness[:, scene.mechanism.leg_count :], rows.witness[:, : scene.mechanism.leg_count])
     for row in range(8):
@@ -123,10 +124,10 @@ def test_goals_anywhere_are_reached_within_four_fifths_of_the_time(name: str) ->
 # Two sliders on vertical rails, with the tip above them: they never meet a fold.
 NO_FOLDS = pcm_gym.Mechanism(
     "no folds",
-    legs=[
+    legs=tuple(
         pcm_gym.Leg(pcm_gym.Prismatic((x, 0.0), math.pi / 2.0, math.pi / 2.0, (-0.5, 0.5)), pcm_gym.Rod(1.0, 1.0))
         for x in (-0.35, 0.35)
-    ],
+    ),
 )
 
 
