@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.charts.roadmap import move_rows
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
+from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -164,8 +166,12 @@ class Scene:
         moved, stride = States(*(array.copy() for array in start)), np.array(self.stride)
         steps = np.abs((ends.inputs - start.inputs) / stride).max(axis=1, initial=0.0)
         self._walk(moved, ends.inputs, stride, np.ceil(steps).astype(np.int64) + 1, 0.0, threads)
-        apart = np.abs(np.column_stack([moved.x - ends.x, moved.inputs - ends.inputs]))
-        is_there: Mask = apart.max(axis=1, initial=0.0) < _SAME
+        is_there = _are_same(moved, ends)
+        if not self.structure:  # a walk may end where its steps are in doubt: the tracker tells
+            rows = np.flatnonzero(~is_there)
+            stopped, targets = States(*(array[rows] for array in moved)), ends.inputs[rows]
+            move_rows(self.mechanism.leg_table, stopped, targets, TERMINATE)
+            is_there[rows] = _are_same(stopped, States(*(array[rows] for array in ends)))
         return is_there
 
     def at_nodes(self, nodes: ArrayLike) -> States:
@@ -266,6 +272,13 @@ class Scene:
             walk(legs, rows, targets[first:last], stride, steps[first:last], least_margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
+
+
+def _are_same(states: States, others: States) -> Mask:
+    """Return which states (n, ...) are the same."""
+    apart = np.abs(np.column_stack([states.x - others.x, states.inputs - others.inputs]))
+    same: Mask = apart.max(axis=1, initial=0.0) < _SAME
+    return same
 
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:

@@ -23,7 +23,10 @@ FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
 MECHANISMS = list(dict.fromkeys(own.mechanism for own in ENVIRONMENTS))
 
 INFO_TYPES = pcm_gym.Info.__annotations__
-METRICS = {"Track": {"share_at_goal": float, "error": float}, "Switch": {"fewest_falls": int}}
+METRICS: dict[str, dict[str, Any]] = {
+    "Track": {"share_at_goal": float, "error": float},
+    "Switch": {"fewest_falls": int},
+}
 COSTS = tuple(name for name in INFO_TYPES if name.startswith("cost_"))
 
 
