@@ -212,7 +212,7 @@ def _followed(scene: Scene, start: States, curve: Array, size: float, tier: _Tie
     legs, largest = scene.mechanism.leg_table, tier.pace * np.array(scene.stride)
     x, inputs = np.empty((_PERIOD + 1, len(start.x))), np.empty((_PERIOD + 1, len(start.inputs)))
     pose = start.x[2 * len(start.inputs) :]
-    points = _points(curve[None], 2.0 * math.pi / _PERIOD * np.arange(_PERIOD + 1)[None])[0]
+    points = _points(curve[None], 2.0 * math.pi / _PERIOD * np.arange(_PERIOD + 1, dtype=np.float64)[None])[0]
     for own_size in (tier.least * size, size):
         x[0], inputs[0] = start.x, start.inputs
         reached = follow_path(legs, start.load, pose + own_size * points, largest, scene.reserve, x, inputs)
