@@ -5,10 +5,10 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # they load numba and torch, which a look at the help does without
-    from agents.learners.policy import LearntPolicy
+    from agents.learners.exported import ActingPolicy
     from pcm_gym.references import Controller
 
-_TRAINED = "trained"
+TRAINED = "trained"
 
 
 @cache
@@ -16,12 +16,12 @@ def remarks() -> Mapping[str, str]:
     """What a reader of results must know of each controller, by its name: of all there are."""
     from pcm_gym.references import REFERENCES
 
-    return {_TRAINED: "", **{name: reference.remark for name, reference in REFERENCES.items()}}
+    return {TRAINED: "", **{name: reference.remark for name, reference in REFERENCES.items()}}
 
 
-def new_controller(name: str, policy: "LearntPolicy") -> "Controller":
+def new_controller(name: str, policy: "ActingPolicy") -> "Controller":
     """Controller of that name in `remarks`."""
-    if name == _TRAINED:
+    if name == TRAINED:
         from agents.controllers.trained import TrainedController
 
         return TrainedController(policy)

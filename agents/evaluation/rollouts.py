@@ -20,8 +20,9 @@ _CONTROLLER_STREAM = 1
 
 
 def make_evaluation_batch(environment: EnvironmentConfig, count: int) -> MechanismVectorEnv:
-    """Batch for `run_episodes`, whose rows begin no episode by themselves."""
-    return make_batch(environment, count, AutoresetMode.DISABLED)
+    """Batch for `run_episodes`, of the test's episodes, whose rows begin none by themselves."""
+    held_out = environment.model_copy(update={"kwargs": environment.kwargs | {"split": "test"}})
+    return make_batch(held_out, count, AutoresetMode.DISABLED)
 
 
 def run_episodes(

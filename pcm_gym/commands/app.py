@@ -20,6 +20,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "fk": solutions.fk,
         "ik": solutions.ik,
         "track": following.track,
+        "plan": following.plan,
         "fold": following.fold,
         "snap": following.snap,
         "atlas": charts.atlas,

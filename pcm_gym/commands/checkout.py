@@ -65,6 +65,7 @@ class CheckoutCommand:
 COMMANDS = (
     CheckoutCommand("train", "Train an agent, as a YAML file says.", "agents.commands.app"),
     CheckoutCommand("evaluate", "Judge a trained agent on held-out goals.", "agents.commands.app"),
+    CheckoutCommand("export", "Write a trained agent as a policy that needs NumPy only.", "agents.commands.app"),
     CheckoutCommand("figures", "Draw the paper's figures and print their numbers.", "docs.figures.__main__"),
 )
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 import typer
 
 from pcm_gym.commands.arguments import AsJson
-from pcm_gym.commands.errors import ExitCode
+from pcm_gym.commands.errors import EXTRAS, ExitCode
 from pcm_gym.commands.output import print_json
 from pcm_gym.commands.upkeep import damaged_files, kernel_folders
 
@@ -72,7 +72,7 @@ def _python() -> Iterator[tuple[Verdict, str]]:
 
 
 def _requirements() -> tuple[list[str], dict[str, list[str]]]:
-    """Return the distributions that the package needs, and those of each extra."""
+    """Return the distributions that the package needs, and those of each extra that is for its users."""
     from importlib import metadata
 
     always: list[str] = []
@@ -81,7 +81,7 @@ def _requirements() -> tuple[list[str], dict[str, list[str]]]:
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
         extra = re.search(r"extra == ['\"]([\w-]+)['\"]", requirement)
         (extras.setdefault(extra.group(1), []) if extra else always).append(name)
-    return always, extras
+    return always, {extra: extras.get(extra, []) for extra in dict.fromkeys(EXTRAS.values())}
 
 
 def _is_installed(distribution: str) -> bool:

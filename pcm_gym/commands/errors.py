@@ -6,7 +6,7 @@ from enum import IntEnum
 from typing import NoReturn
 
 # What pip would have to install for a module, as an extra of this package.
-_EXTRAS = {
+EXTRAS = {
     "PIL": "render",
     "pygame": "window",
     "moviepy": "video",
@@ -58,6 +58,6 @@ def _sentence(error: Exception) -> tuple[ExitCode, str]:
 
 
 def _what_to_install(module: str) -> str:
-    extra = _EXTRAS.get(module)
+    extra = EXTRAS.get(module)
     package = f"pcm_gym[{extra}]" if extra else module
     return f"{module} is not installed: pip install '{package}'"

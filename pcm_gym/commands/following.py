@@ -14,9 +14,17 @@ from pcm_gym.commands.arguments import (
     equilibrium_of,
     mechanism_of,
     numbers,
+    values_of,
 )
 from pcm_gym.commands.errors import RefusalError
-from pcm_gym.commands.output import equilibrium_data, print_json, print_lines
+from pcm_gym.commands.output import (
+    EQUILIBRIUM_COLUMNS,
+    equilibrium_data,
+    equilibrium_rows,
+    print_json,
+    print_lines,
+    print_table,
+)
 
 if TYPE_CHECKING:
     from pcm_gym import Equilibrium
@@ -74,6 +82,41 @@ def track(
         if step.certificate is not None:
             typer.echo(f"the way: {step.certificate.status}")
         _print_equilibrium("there", step.equilibrium)
+
+
+def plan(
+    mechanism: MechanismName,
+    pose: Annotated[
+        Numbers | None, typer.Option("--pose", parser=numbers, metavar="NUMBERS", help="Goal: a pose, in any mode.")
+    ] = None,
+    to: Annotated[
+        Numbers | None, typer.Option("--to", parser=numbers, metavar="NUMBERS", help="Goal: inputs, in any mode.")
+    ] = None,
+    inputs: Inputs = None,
+    number: Number = None,
+    load: Load = None,
+    step: Annotated[
+        Numbers | None, typer.Option("--step", parser=numbers, metavar="NUMBERS", help="Longest step of each input.")
+    ] = None,
+    least_margin: Annotated[
+        float | None, typer.Option("--least-margin", help="Distance to keep from folds, rad and mean rod lengths.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Plan a motion that never loses stability: to a pose, to inputs, or to both at once."""
+    import pcm_gym
+
+    goal = {key: given.values for key, given in (("pose", pose), ("inputs", to)) if given is not None}
+    if not goal:
+        raise typer.BadParameter("one of them is needed: the goal", param_hint="--pose, --to")
+    start = equilibrium_of(mechanism_of(mechanism), inputs, number, load)
+    motion = pcm_gym.plan_motion(start, goal, step=values_of(step), least_margin=least_margin)
+    if as_json:
+        places = [equilibrium_data(each) for each in motion.equilibria]
+        print_json({"length": motion.length, "inputs": motion.inputs, "equilibria": places})
+        return
+    print_table(EQUILIBRIUM_COLUMNS, equilibrium_rows(motion.equilibria))
+    print_lines({"steps": motion.length})
 
 
 def fold(
@@ -148,7 +191,7 @@ def _edge(start: "Equilibrium", to: Numbers | None) -> "Equilibrium":
     """Return where stability is lost: here if there is none, on the way to some inputs, or at the nearest fold."""
     import pcm_gym
 
-    if not start.is_stable and to is None:
+    if to is None and not start.is_stable:
         return start
     if to is None:
         nearest = pcm_gym.nearest_fold(start)

@@ -1,12 +1,13 @@
 """The keyword arguments of an environment: declared, documented and given their defaults here and nowhere else."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
 from pcm_gym.solving import Atlas
+from pcm_gym.solving.limits import LimitName
 from pcm_gym.tasks import (
     TASKS,
     OnInstability,
@@ -52,7 +53,8 @@ class EnvironmentArguments(TypedDict, total=False):
     split : "train" or "test"
         Which episodes are drawn. Those of training and test never come nearer to each other than 0.02 mean rod lengths,
         the root of the sum of the squared distances of their starts and goals, and are of other variants where loads or
-        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither.
+        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither, and a task from outside has two
+        parts only if it says so, with `has_split`.
     difficulty : str, optional
         The tier: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach`, `Track` and `Switch`. With
         "rig" the defaults of what follows `load` are those of a real rig, see `pcm_gym.environments.rig`.
@@ -69,6 +71,12 @@ class EnvironmentArguments(TypedDict, total=False):
     singular_margin : float, optional
         Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
         rod lengths; by default half of the agent's smallest step.
+    limits : sequence of "stress", "torque" or "contact"
+        Limits of the structure that are watched, none by default. Each adds its cost, `cost_stress`, `cost_torque` or
+        `cost_contact`, to the infos and to `cost`: 1 where the state after a step breaks it. Starts, goals, paths and
+        the nodes of roadmaps keep them. Stress takes rods of a section and a material, torque takes actuators with a
+        `greatest_torque` or `greatest_force`. Contact is a rod that crosses itself, on a platform also another rod or
+        an edge of the platform.
     load : array_like (d,) or (2, d), optional
         Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
         at each reset.
@@ -108,6 +116,7 @@ class EnvironmentArguments(TypedDict, total=False):
     on_instability: OnInstability
     max_action: ArrayLike | None
     singular_margin: float | None
+    limits: Sequence[LimitName]
     load: ArrayLike | None
     observe_load: bool
     randomisation: Mapping[str, float] | None
@@ -134,6 +143,7 @@ DEFAULTS: EnvironmentArguments = {
     "on_instability": "terminate",
     "max_action": None,
     "singular_margin": None,
+    "limits": (),
     "load": None,
     "observe_load": True,
     "randomisation": None,

@@ -68,7 +68,7 @@ def episode_starts(
             continue
         scene = _scene_for(nominal, options)
         own = [generators[member] for member in members.tolist()]
-        if scene.origin is None and goal is None:
+        if settings.task.has_split and scene.origin is None and goal is None:
             states, goals, witness, falls = _drawn_of_split(settings, scene, own, threads)
         else:
             states, goals, witness, falls = _drawn(settings, scene, own, threads)

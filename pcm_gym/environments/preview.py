@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.environments.rows import total_cost
+from pcm_gym.environments.rows import limit_costs, total_cost
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.kernels.stepping.report import Costs
 from pcm_gym.mechanism.validation import check_kinds
+from pcm_gym.solving.limits import LIMIT_NAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,8 @@ class Preview:
     losses : int array (...)
     is_dwelling : bool array (...)
     cost, cost_unstable, cost_singular, cost_solver : array (...)
+    cost_stress, cost_torque, cost_contact : array (...)
+        0 where the environment's `limits` do not name them.
     reward : array (...)
         The reward of the step, for the goal that counts then.
     terminated : bool array (...)
@@ -52,6 +55,9 @@ class Preview:
     cost_unstable: Array
     cost_singular: Array
     cost_solver: Array
+    cost_stress: Array
+    cost_torque: Array
+    cost_contact: Array
     reward: Array
     terminated: Mask
 
@@ -77,8 +83,8 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
         residual=verdicts["residual"],
         event=verdicts["event"],
         at_limit=verdicts["at_limit"],
-        cost=total_cost(verdicts),
-        **{name: verdicts[name] for name in Costs.__annotations__},
+        cost=total_cost(verdicts, simulation.settings.limits),
+        **{name: verdicts[name] for name in (*Costs.__annotations__, *limit_costs(LIMIT_NAMES))},
         losses=verdicts["losses"],
         is_dwelling=verdicts["is_dwelling"],
         reward=simulation.shaped(rewards, motion, origin, report.verdicts["is_lost"]).reshape(shape),
@@ -87,7 +93,7 @@ def preview(simulation: Simulation, actions: Array) -> Preview:
 
 
 def foreseen_rewards(simulation: Simulation, inputs: Array, features: Array, origin: Integers, ahead: int = 1) -> Array:
-    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs), features (m, f) in some steps."""
+    """Return the rewards (m,) of rows `origin` (m,) that come to inputs (m, legs) and features (m, f) some steps on."""
     task, rows = simulation.settings.task, simulation.rows
     achieved = task.goals._achieved(features, inputs, np.arange(len(origin)))
     rewards, _ = task._scored(achieved, rows.goals_ahead(origin, ahead))

@@ -52,9 +52,6 @@ class Registered:
             raise ValueError(f"environment_id must be a new one, got {self.id!r}: it is registered as something else")
 
 
-# No cusp of the 2PFR is within its limits: nothing leads around one.
-_FALLS = {"difficulty": "fall", "on_instability": "snap"}
-
 ENVIRONMENTS = (
     Registered("PCM/2RFR-Reach-v0", "2RFR", "Reach", 100),
     Registered("PCM/2PFR-Reach-v0", "2PFR", "Reach", 100),
@@ -63,7 +60,7 @@ ENVIRONMENTS = (
     Registered("PCM/2PFR-Track-v0", "2PFR", "Track", 200),
     Registered("PCM/3PFR-Track-v0", "3PFR", "Track", 200),
     Registered("PCM/2RFR-Switch-v0", "2RFR", "Switch", 150),
-    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150, _FALLS),
+    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150),
     Registered("PCM/3PFR-Switch-v0", "3PFR", "Switch", 150),
 )
 

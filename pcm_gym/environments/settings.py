@@ -29,6 +29,7 @@ from pcm_gym.mechanism.validation import (
     truth_value,
     whole_number,
 )
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.tasks import SPLITS, Goals, OnInstability, Scene, Split, Task, default_max_action, task_type
 
 # What may happen where stability is lost, and the kernels' codes.
@@ -58,6 +59,8 @@ class Settings:
     shaping : float, optional
         Discount factor with which a potential shapes the rewards.
     on_instability : "terminate", "snap", "hold" or "continue"
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that are watched.
     load_range : array (2, d)
         Least and greatest load on the end-effector in the mechanism's units; equal where it is constant.
     observe_load : bool
@@ -88,6 +91,7 @@ class Settings:
     split: Split
     shaping: float | None
     on_instability: OnInstability
+    limits: tuple[LimitName, ...]
     load_range: Array
     observe_load: bool
     max_action: Array
@@ -123,6 +127,7 @@ class Settings:
             split=one_of("split", given["split"], SPLITS),
             shaping=_shaping(task, given["shaping"]),
             on_instability=_behaviour(task, given["on_instability"]),
+            limits=limits_of(mechanism, given["limits"]).names,
             load_range=_load_range(mechanism, given["load"]),
             observe_load=truth_value("observe_load", given["observe_load"]),
             max_action=steps,
@@ -157,7 +162,9 @@ class Settings:
 
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
-        return Scene(mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin)
+        return Scene(
+            mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin, limits=self.limits
+        )
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return the scenes in which episodes take place: one, or `variants` where mechanism or load vary.
@@ -169,7 +176,7 @@ class Settings:
         """
         if self.randomisation.is_off and not self.load_varies:
             scene = self.scene(self.mechanism, self.load_range[0])
-            _ = scene.home  # worked out, or refused, before anything else
+            scene.check_seed()  # home is worked out, or refused, before anything else
             return (scene,)
         numbers, found, failure = np.random.default_rng(SPLITS.index(self.split)), [], None
         for _ in range(_DRAWS_PER_SCENE * self.variants):

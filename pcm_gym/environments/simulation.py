@@ -16,6 +16,7 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.numerics.threads import LARGEST_PIECE, LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.stepping.limits import judge_rows
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium
@@ -51,7 +52,11 @@ class Simulation:
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
         self._discount = settings.shaping or 0.0
-        self._potentials = [] if settings.shaping is None else [Potential(scene) for scene in self.scenes]
+        self._potentials = (
+            []
+            if settings.shaping is None
+            else [Potential(scene, settings.task.roadmap(scene)) for scene in self.scenes]
+        )
         self.rows = self._rows_at_home()
         self.motion = Motion.of(self.rows)
 
@@ -170,10 +175,11 @@ class Simulation:
         states, aims, jobs = motion.states, Moves(moves, self._stride), []
         for scene, members in self._by_scene(motion.scene, rows):
 
-            def step(
-                first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
-            ) -> None:
-                step_batch(legs, states, chosen[first:last], aims, rules, report)
+            def step(first: int, last: int, scene: Scene = scene, members: Integers = members) -> None:
+                legs, chosen = scene.mechanism.leg_table, members[first:last]
+                step_batch(legs, states, chosen, aims, rules, report)
+                if scene.limits:
+                    judge_rows(legs, states, chosen, scene.structure.bounds, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
@@ -206,7 +212,7 @@ class Simulation:
         if self._potentials:
             before = state.potential[rows]
             state.potential[rows] = self._potential(self.motion, rows, state.witness[rows], is_lost)
-            rewards += np.where(has_stepped, self._discount * state.potential[rows] - before, 0.0)
+            rewards = rewards + np.where(has_stepped, self._discount * state.potential[rows] - before, 0.0)
         measured, seen = self.sensors.measure(report.features, rows, generators), achieved
         if self.settings.observe != "all" and measured is not report.features:
             seen = task.goals._achieved(measured, state.inputs, rows)
@@ -224,6 +230,7 @@ class Simulation:
             task.succeeded(progress, self.settings.hold_steps),
             verdicts,
             task.metrics(achieved, desired) | task.progress_metrics(progress),
+            self.settings.limits,
         )
 
     def shaped(self, rewards: Array, motion: Motion, origin: Integers, is_lost: Mask) -> Array:
@@ -231,7 +238,7 @@ class Simulation:
         if not self._potentials:
             return rewards
         after = self._potential(motion, np.arange(len(origin)), self.rows.witness[origin], is_lost)
-        return rewards + self._discount * after - self.rows.potential[origin]
+        return rewards + (self._discount * after - self.rows.potential[origin])
 
     def _potential(self, motion: Motion, rows: Integers, goals: Array, is_lost: Mask) -> Array:
         """Return the potentials (m,) of some rows of a motion, 0 where stability is lost; see `Potential` for goals."""

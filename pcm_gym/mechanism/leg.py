@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from pcm_gym.mechanism.rod import Rod
-from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, shown
+from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, positive_number, shown
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,8 @@ class Revolute:
         World angle of the clamp at input 0, in rad: the rod leaves at ``clamp_angle + input``.
     limits : (lower, upper)
         Range of the input, in rad.
+    greatest_torque : float, optional
+        Greatest moment that the motor gives, in N m, to either side; None where it is not limited.
 
     Attributes
     ----------
@@ -47,11 +49,19 @@ class Revolute:
     base: tuple[float, float]
     clamp_angle: float = 0.0
     limits: tuple[float, float] = (-3.141592653589793, 3.141592653589793)
+    greatest_torque: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+        if self.greatest_torque is not None:
+            object.__setattr__(self, "greatest_torque", positive_number("greatest_torque", self.greatest_torque))
+
+    @property
+    def greatest_effort(self) -> float | None:
+        """Greatest torque."""
+        return self.greatest_torque
 
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point at an input: the base, whatever the angle."""
@@ -81,6 +91,8 @@ class Prismatic:
         World angle at which the rod leaves the clamp, in rad.
     limits : (lower, upper)
         Range of the input, in m.
+    greatest_force : float, optional
+        Greatest force that the slider gives, in N, to either side; None where it is not limited.
 
     Attributes
     ----------
@@ -103,12 +115,20 @@ class Prismatic:
     axis_angle: float
     clamp_angle: float
     limits: tuple[float, float] = (-0.5, 0.5)
+    greatest_force: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
         object.__setattr__(self, "axis_angle", finite_number("axis_angle", self.axis_angle))
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+        if self.greatest_force is not None:
+            object.__setattr__(self, "greatest_force", positive_number("greatest_force", self.greatest_force))
+
+    @property
+    def greatest_effort(self) -> float | None:
+        """Greatest force."""
+        return self.greatest_force
 
     @property
     def axis(self) -> tuple[float, float]:

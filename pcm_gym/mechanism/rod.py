@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import cast
 
 from pcm_gym.mechanism.validation import number_not_negative, positive_number, shown
 
@@ -147,7 +148,7 @@ class Rod:
         object.__setattr__(self, "bending_stiffness", self._stiffness())
 
     def _stiffness(self) -> float:
-        given = self.bending_stiffness
+        given = cast("float | None", self.bending_stiffness)
         if self.section is None and self.material is None:
             return 1.0 if given is None else positive_number("bending_stiffness", given)
         if not isinstance(self.section, Section):

@@ -5,24 +5,42 @@ It says which entries there are and of what kind; what they may be together, the
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
 from pcm_gym.mechanism.leg import Leg, Prismatic, Revolute
+from pcm_gym.mechanism.materials import FIBREGLASS, NITINOL, SPRING_STEEL
 from pcm_gym.mechanism.mechanism import Mechanism
 from pcm_gym.mechanism.rod import Material, Rod, Round, Strip
 
 _SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_ERRORS_SHOWN = 3
 
+_MATERIALS = {"SPRING_STEEL": SPRING_STEEL, "NITINOL": NITINOL, "FIBREGLASS": FIBREGLASS, None: None}
+
 Pair = tuple[float, float]
 
 
 class FileData(BaseModel):
-    """Entries are of the kind that they should be, not made so; unknown ones are refused."""
+    """Entries are of the kind that they should be, not made so; unknown ones are refused.
+
+    What a part is made of is refused by its own class, and here it is said in which entry.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def made(self) -> Any:
+        """Return what the entries describe."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _check_made(self) -> Self:
+        try:
+            self.made()
+        except TypeError as error:
+            raise ValueError(str(error)) from error
+        return self
 
 
 class RoundData(FileData):
@@ -40,8 +58,8 @@ class StripData(FileData):
     """A rectangular cross-section that bends about its thin axis."""
 
     kind: Literal["strip"]
-    width: PositiveFloat = Field(description="Width across the plane of the mechanism, m.")
-    thickness: PositiveFloat = Field(description="Thickness in the plane, m; at most the width.")
+    width: PositiveFloat = Field(description="Across the plane, m.")
+    thickness: PositiveFloat = Field(description="In the plane, m.")
 
     def made(self) -> Strip:
         """Return the section."""
@@ -49,7 +67,7 @@ class StripData(FileData):
 
 
 class MaterialData(FileData):
-    """A linearly elastic material."""
+    """A linearly elastic material, and where its elastic range ends."""
 
     modulus: PositiveFloat = Field(description="Young's modulus, Pa.")
     yield_stress: PositiveFloat = Field(description="Greatest stress that leaves no trace, Pa.")
@@ -61,21 +79,25 @@ class MaterialData(FileData):
 
 
 class RodData(FileData):
-    """A slender, inextensible, initially straight elastic rod."""
+    """A slender, inextensible, initially straight elastic rod: by its stiffness, or by its section and material."""
 
     length: PositiveFloat = Field(description="Length, m.")
     bending_stiffness: PositiveFloat | None = Field(
-        default=None, description="Bending stiffness EI, N m^2; 1 by default, or that of section and material."
+        default=None,
+        description="Bending stiffness EI, N m^2; beside a section left out, or what it makes.",
     )
-    section: Annotated[RoundData | StripData, Field(discriminator="kind")] | None = Field(
-        default=None, description="Cross-section, with a material."
+    section: Annotated[RoundData | StripData, Field(discriminator="kind")] | None = None
+    material: MaterialData | Literal["SPRING_STEEL", "NITINOL", "FIBREGLASS"] | None = Field(
+        default=None, description="A material by its numbers, or one that pcm_gym names."
     )
-    material: MaterialData | None = Field(default=None, description="Material, with a section.")
 
     def made(self) -> Rod:
         """Return the rod."""
-        section, material = self.section and self.section.made(), self.material and self.material.made()
-        return Rod(self.length, self.bending_stiffness, section, material)
+        if self.bending_stiffness is None and self.section is None:
+            raise ValueError("a rod must have a bending_stiffness, or a section and a material")
+        section = None if self.section is None else self.section.made()
+        material = self.material.made() if isinstance(self.material, MaterialData) else _MATERIALS.get(self.material)
+        return Rod(self.length, self.bending_stiffness, section, material)  # type: ignore[arg-type]
 
 
 class RevoluteData(FileData):
@@ -85,10 +107,11 @@ class RevoluteData(FileData):
     base: Pair = Field(description="The clamped point (x, y), m.")
     clamp_angle: float = Field(default=0.0, description="World angle of the clamp at input 0, rad.")
     limits: Pair = Field(default=Revolute.limits, description="Range (lower, upper) of the input, rad.")
+    greatest_torque: PositiveFloat | None = Field(default=None, description="Greatest moment to either side, N m.")
 
     def made(self) -> Revolute:
         """Return the motor."""
-        return Revolute(self.base, self.clamp_angle, self.limits)
+        return Revolute(self.base, self.clamp_angle, self.limits, self.greatest_torque)
 
 
 class PrismaticData(FileData):
@@ -99,10 +122,11 @@ class PrismaticData(FileData):
     axis_angle: float = Field(description="World angle of the axis, rad.")
     clamp_angle: float = Field(description="World angle at which the rod leaves the clamp, rad.")
     limits: Pair = Field(default=Prismatic.limits, description="Range (lower, upper) of the input, m.")
+    greatest_force: PositiveFloat | None = Field(default=None, description="Greatest force to either side, N.")
 
     def made(self) -> Prismatic:
         """Return the slider."""
-        return Prismatic(self.base, self.axis_angle, self.clamp_angle, self.limits)
+        return Prismatic(self.base, self.axis_angle, self.clamp_angle, self.limits, self.greatest_force)
 
 
 class LegData(FileData):
@@ -157,12 +181,19 @@ def mechanism_schema() -> dict[str, Any]:
 def data_from_mechanism(mechanism: Mechanism) -> dict[str, Any]:
     """Return a mechanism as entries of its file, every number in full; what has a default is there too."""
     content = asdict(mechanism)
-    for leg, entry in zip(mechanism.legs, content["legs"], strict=True):
-        entry["actuator"] = _named(leg.actuator, entry["actuator"])
-        entry["rod"] = _rod_data(leg.rod, entry["rod"])
+    rods = [(leg.rod, entry["rod"]) for leg, entry in zip(mechanism.legs, content["legs"], strict=True)]
     if mechanism.reference is not None:
-        content["reference"] = _rod_data(mechanism.reference, content["reference"])
+        rods.append((mechanism.reference, content["reference"]))
+    for rod, entry in rods:
+        if rod.section is not None:
+            entry["section"] = _with_kind(rod.section, entry["section"])
+    for leg, entry in zip(mechanism.legs, content["legs"], strict=True):
+        entry["actuator"] = _with_kind(leg.actuator, entry["actuator"])
     return content
+
+
+def _with_kind(part: object, entries: dict[str, Any]) -> dict[str, Any]:
+    return {"kind": type(part).__name__.lower(), **entries}
 
 
 def mechanism_from_text(text: str) -> Mechanism:
@@ -188,13 +219,5 @@ def _in_words(errors: Iterable[Any]) -> str:
 
 def _sentence(error: Mapping[str, Any]) -> str:
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(".")
-    return f"{place}: {error['msg']}" if place else str(error["msg"])
-
-
-def _named(part: object, entry: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a part that may be of several kinds, with its kind before them."""
-    return {"kind": type(part).__name__.lower(), **entry}
-
-
-def _rod_data(rod: Rod, entry: dict[str, Any]) -> dict[str, Any]:
-    return entry if rod.section is None else {**entry, "section": _named(rod.section, entry["section"])}
+    reason = str(error["msg"]).removeprefix("Value error, ")
+    return f"{place}: {reason}" if place else reason

@@ -38,8 +38,8 @@ class ReferencePolicy:
 
     def __init__(self, name: str, env: Environment, seed: int = 0) -> None:
         self._controller, self._env = new_reference(name), env
+        count = env.num_envs if isinstance(env, VectorEnv) else 1
         self._is_single = not isinstance(env, VectorEnv)
-        count = 1 if self._is_single else env.num_envs
         first = whole_number("seed", seed, least=0, most=None)
         self._generators = [np.random.default_rng([first, row]) for row in range(count)]
         View.of(env, {}, self._generators)

@@ -10,6 +10,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.references.plans import Plans
 from pcm_gym.references.resolved_rate import ResolvedRateController, damped_solutions, shortened
+from pcm_gym.references.shielded import shielded
 from pcm_gym.references.view import View
 from pcm_gym.solving import Equilibrium, MotionPlanner
 from pcm_gym.solving.motion_goals import Goal, carried_over
@@ -20,8 +21,9 @@ _STEPS_OFF, _POSE_OFF, _PATIENCE = 2.5, 0.15, 5
 # What feedback on the pose makes of an error where actuators are not ideal, and damps the Jacobian with; within this
 # part of the distance that counts as being at the goal it rests.
 _GAIN, _DAMPING, _AT_REST = 0.3, 0.05, 0.25
-# Commands within this part of a step are where they were to go: actions have single precision.
-_ARRIVED = 1e-4
+# Commands within this part of a step are where they were to go: actions have single precision. Where they may have been
+# replaced by safe ones it is this part.
+_ARRIVED, _NEARLY_ARRIVED = 1e-4, 0.25
 # Steps for which the path of a moving goal is followed ahead, and the longest of them, in steps of the agent.
 _STEPS_AHEAD, _LONGEST_AHEAD = 256, 3.0
 
@@ -42,7 +44,7 @@ class PlannerController:
 
     def __init__(self, knows_truth: bool = True) -> None:
         self._knows_truth = knows_truth
-        self._planners: dict[tuple[Mechanism, bytes, bytes, float], MotionPlanner] = {}
+        self._planners: dict[tuple[Mechanism, bytes, bytes, bool, float], MotionPlanner] = {}
         self._plans = Plans(0, 0, 0)
         self._otherwise = ResolvedRateController()
 
@@ -59,6 +61,9 @@ class PlannerController:
         actions, is_planned = self._otherwise.act(view), self._plans.last >= 0
         wanted = self._on_time(view) if _goal_moves(view) else self._in_order(view)
         actions[is_planned] = shortened(wanted / view.simulation.settings.stride)[is_planned]
+        if self._knows_truth and not view.simulation.settings.actuators.are_ideal:
+            # clamps that follow late cut the corners of a plan
+            return shielded(view, actions)
         return actions
 
     def _is_off(self, view: View) -> Mask:
@@ -95,10 +100,12 @@ class PlannerController:
             if start is not None:
                 begun.setdefault((start.mechanism, start.load.tobytes()), []).append((row, start))
         for (mechanism, load), own in begun.items():
-            key = (mechanism, load, settings.stride.tobytes(), settings.singular_margin)
+            key = (mechanism, load, settings.stride.tobytes(), settings.actuators.are_ideal, settings.singular_margin)
             if key not in self._planners:
                 scene = settings.scene(mechanism, own[0][1].load)
-                step, margin = mechanism.units.inputs_from_kernel(settings.stride), settings.singular_margin
+                # where clamps follow late, or not quite, there must be room for that
+                margin = scene.margin if settings.actuators.are_ideal else scene.reserve
+                step = mechanism.units.inputs_from_kernel(settings.stride)
                 self._planners[key] = MotionPlanner(mechanism, own[0][1].load, step, margin, [scene.roadmap])
             yield self._planners[key], np.array([row for row, _ in own]), [start for _, start in own]
 
@@ -137,11 +144,14 @@ class PlannerController:
     def _in_order(self, view: View) -> Array:
         """Return how far commands are to go, (n, legs): from step to step of the plan, then as feedback tells."""
         plans, settings = self._plans, view.simulation.settings
-        commands, _ = settings.actuators.told(view.simulation.motion)
-        has_arrived = (np.abs(plans.here - commands) / settings.stride).max(axis=1) <= _ARRIVED
+        commands, drives = settings.actuators.told(view.simulation.motion)
+        near = _ARRIVED if settings.actuators.are_ideal else _NEARLY_ARRIVED
+        has_arrived = (np.abs(plans.here - commands) / settings.stride).max(axis=1) <= near
         is_over = (plans.place >= plans.last) & (has_arrived | plans.is_over)
         plans.is_over[:] = is_over
-        plans.place[has_arrived & ~is_over] += 1
+        # drives whose rate is limited are waited for
+        leads = (np.abs(commands - drives) / settings.stride).max(axis=1)
+        plans.place[has_arrived & ~is_over & (leads <= 1.0 / settings.actuators.part)] += 1
         return np.where(is_over[:, None], self._feedback(view), plans.here - commands)
 
     def _on_time(self, view: View) -> Array:

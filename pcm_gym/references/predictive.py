@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.environments.preview import foreseen_rewards
 from pcm_gym.environments.rows import total_cost
+from pcm_gym.environments.shield import arrives_stable
+from pcm_gym.kernels.stepping.transition import GIVE_UP
 from pcm_gym.references.resolved_rate import ResolvedRateController
 from pcm_gym.references.view import View
 
@@ -29,7 +31,7 @@ class PredictiveController:
         Reward that a cost of one takes away.
     """
 
-    def __init__(self, candidates: int = 32, horizon: int = 6, caution: float = 2.0) -> None:
+    def __init__(self, candidates: int = 24, horizon: int = 6, caution: float = 2.0) -> None:
         self._count, self._horizon, self._caution = candidates, horizon, caution
         self._towards = ResolvedRateController()
         self._best = np.empty((0, 2, 0))
@@ -49,7 +51,7 @@ class PredictiveController:
             actions[some] = self._best[some, 0]
         return actions
 
-    def _plans(self, view: View, rows: Array, towards: Array) -> Array:
+    def _plans(self, view: View, rows: Integers, towards: Array) -> Array:
         """Return candidates (m, k, 2, legs): a first and a second action each."""
         legs = towards.shape[1]
         drawn = np.stack([view.generators[row].uniform(-1.0, 1.0, (self._count - 3, 2, legs)) for row in rows.tolist()])
@@ -61,18 +63,19 @@ class PredictiveController:
         plans: Array = np.concatenate([fixed, drawn], axis=1).astype(np.float32).astype(np.float64)
         return plans
 
-    def _values(self, view: View, rows: Array, plans: Array) -> Array:
+    def _values(self, view: View, rows: Integers, plans: Array) -> Array:
         """Return what candidates come to, (m, k)."""
         simulation, (count, each) = view.simulation, plans.shape[:2]
+        rules = simulation.settings.rules._replace(behaviour=GIVE_UP)  # what is hard to follow need not be followed
         origin, chosen = np.repeat(rows, each), plans.reshape(count * each, *plans.shape[2:])
         values, going, motion = np.zeros(len(origin)), np.arange(len(origin)), simulation.motion.copied(origin)
         for step in range(self._horizon):
             actions = chosen[going, 2 * step // self._horizon]
-            report = simulation.foresee(motion, actions)
+            report = simulation.foresee(motion, actions, rules)
             rewards = foreseen_rewards(simulation, motion.inputs, report.features, origin[going], step + 1)
-            lost = report.verdicts["is_lost"]
-            # what is lost earns nothing any more
-            left = np.where(lost, self._horizon - step, 1.0)
-            values[going] += np.where(lost, 0.0, rewards) - self._caution * left * total_cost(report.verdicts)
-            going, motion = going[~lost], motion.copied(~lost)
+            arrives = arrives_stable(report)
+            # what does not arrive earns nothing any more, and costs as often as there are steps left
+            costs = np.where(arrives, total_cost(report.verdicts, simulation.settings.limits), self._horizon - step)
+            values[going] += np.where(arrives, rewards, 0.0) - self._caution * costs
+            going, motion = going[arrives], motion.copied(arrives)
         return values.reshape(count, each)

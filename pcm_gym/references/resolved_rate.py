@@ -30,7 +30,8 @@ class ResolvedRateController:
 
 def shortened(actions: Array) -> Array:
     """Return actions (n, legs), those beyond [-1, 1] shortened as a whole."""
-    return actions / np.maximum(1.0, np.abs(actions).max(axis=1, keepdims=True))
+    short: Array = actions / np.maximum(1.0, np.abs(actions).max(axis=1, keepdims=True))
+    return short
 
 
 def damped_solutions(jacobians: Array, errors: Array, damping: float) -> Array:

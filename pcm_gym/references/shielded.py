@@ -21,8 +21,12 @@ class ShieldedController:
 
     def act(self, view: View) -> Array:
         """Actions (n, actuators), safe ones wherever there are any."""
-        actions, rows = self._controller.act(view), np.flatnonzero(view.under_way)
-        shield = Shield(view.simulation, view.simulation.settings.singular_margin)
-        # as they are told to the environment
-        actions[rows], _ = shield.choose(rows, actions[rows].astype(np.float32).astype(np.float64))
-        return actions
+        return shielded(view, self._controller.act(view))
+
+
+def shielded(view: View, actions: Array) -> Array:
+    """Return actions (n, actuators), those that are not safe replaced."""
+    shield, rows = Shield(view.simulation, view.simulation.settings.singular_margin), np.flatnonzero(view.under_way)
+    chosen = actions.astype(np.float32).astype(np.float64)  # as they are told to the environment
+    chosen[rows], _ = shield.choose(rows, chosen[rows])
+    return chosen

@@ -7,7 +7,9 @@ a given pose (`solutions`: sets of them; `families`: those that are not isolated
 `fold_distance` measures how far it is from falling in the inputs, `critical_load` in the loads (`fold_search`: how).
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
 all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
-rasters (`raster`, `raster_states`, `atlas_file`). `progress` shows how far a search is.
+rasters (`raster`, `raster_states`, `atlas_file`). On roadmaps `planning` finds a `motion` (`motion_goals`: to where;
+`roadmap_search`: over which nodes; `straight_ways`: how it is shortened and verified). `progress` shows how far a
+search is.
 
 Symbols
 -------
@@ -31,6 +33,7 @@ from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.limits import StructuralLimits
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
 from pcm_gym.solving.planning import MotionPlanner, plan_motion
@@ -74,6 +77,7 @@ __all__ = [
     "Snap",
     "SnapStatus",
     "StableStates",
+    "StructuralLimits",
     "TrackedStep",
     "UndecidedRegion",
     "build_atlas",

@@ -10,7 +10,7 @@ from pcm_gym.kernels.branches.load_normal import load_normal_at
 from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism.validation import check_kinds, instance_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
-from pcm_gym.solving.fold_search import Hit, Space, nearest_hit
+from pcm_gym.solving.fold_search import Hit, Space, nearest_hit, polled
 
 # Largest load looked at by default, in EI / L^2: about that of a rod with rho = 10.
 _REACH = 100.0
@@ -87,9 +87,11 @@ def critical_load(equilibrium: Equilibrium, reach: float | None = None) -> Criti
     def normal(hit: Hit) -> Array:
         return load_normal_at(legs, np.concatenate([hit.state, inputs]))
 
-    hit = nearest_hit(Space(len(load), shoot, normal), size)
+    space = Space(len(load), shoot, normal)
+    hit = nearest_hit(space, size)
     if hit is None:
         return None
+    hit = polled(space, hit)
     at_fold = Equilibrium.unchecked(
         equilibrium.mechanism, hit.state, equilibrium.inputs, units.load_from_kernel(hit.parameters)
     )

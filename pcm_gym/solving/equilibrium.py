@@ -19,6 +19,7 @@ from pcm_gym.mechanism.validation import (
     finite_vector,
     instance_of,
     number_not_negative,
+    number_or_nan,
     whole_number,
 )
 
@@ -67,8 +68,7 @@ class RodState:
             object.__setattr__(self, name, finite_number(name, getattr(self, name)))
         curvature = number_not_negative("largest_curvature", self.largest_curvature)
         object.__setattr__(self, "largest_curvature", curvature)
-        if not (isinstance(self.stress_ratio, float) and math.isnan(self.stress_ratio)):
-            object.__setattr__(self, "stress_ratio", number_not_negative("stress_ratio", self.stress_ratio))
+        object.__setattr__(self, "stress_ratio", number_or_nan("stress_ratio", self.stress_ratio))
         object.__setattr__(self, "mode", whole_number("mode", self.mode, least=1))
         object.__setattr__(self, "force", _frozen(finite_vector("force", self.force, 2)))
 
@@ -293,8 +293,9 @@ class Equilibrium:
         """About how far, in input space, the nearest fold is, in rad and mean rod lengths; zero exactly at a fold.
 
         The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
-        linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
-        fold is near it means nothing but that; it is at most 10.
+        linear in the inputs near a fold, to zero: exact in the limit. Elsewhere it errs to both sides, by
+        several times at worst, and proves nothing; ``python -m benchmarks margins`` says how often it misleads. Where
+        no fold is near it means nothing but that; it is at most 10.
         """
         return self._facts.singularity_margin
 

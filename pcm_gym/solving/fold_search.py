@@ -14,6 +14,9 @@ _LONGEST = 1.5
 _BEST_RAYS = 5
 _DESCENT_STEPS, _HALVINGS = 100, 12
 _DIRECTION_TOLERANCE = 1e-7
+# Rays that end further from a right angle than this end at no smooth point of the folds; they are turned to all sides,
+# by this at first.
+_RIGHT_ANGLE, _FIRST_POLL = 1e-3, 0.05
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
@@ -52,10 +55,15 @@ def nearest_hit(space: Space, reach: float) -> Hit | None:
     return min((_descend(space, hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit.distance)
 
 
+def _turn(space: Space, hit: Hit) -> Array:
+    """Return the way from the ray's direction to the normal on its side."""
+    normal = space.normal(hit)
+    return math.copysign(1.0, float(normal @ hit.direction)) * normal - hit.direction
+
+
 def _descend(space: Space, hit: Hit) -> Hit:
     for _ in range(_DESCENT_STEPS):
-        normal = space.normal(hit)
-        turn = math.copysign(1.0, float(normal @ hit.direction)) * normal - hit.direction
+        turn = _turn(space, hit)
         if np.linalg.norm(turn) < _DIRECTION_TOLERANCE:
             break
         shorter = _shorter(space, hit, turn)
@@ -74,6 +82,23 @@ def _shorter(space: Space, hit: Hit, turn: Array) -> Hit | None:
             return found
         part *= 0.5
     return None
+
+
+def polled(space: Space, hit: Hit) -> Hit:
+    """Turn a ray that ends at no right angle to all sides, as long as that makes it shorter: to a cusp, for one."""
+    if np.linalg.norm(_turn(space, hit)) < _RIGHT_ANGLE:
+        return hit
+    step = _FIRST_POLL
+    while step > _DIRECTION_TOLERANCE:
+        across, _ = np.linalg.qr(np.column_stack([hit.direction, np.eye(len(hit.direction))]))
+        trials = (hit.direction + way * side for side in across.T[1:] for way in (step, -step))
+        found = (space.shoot(trial / np.linalg.norm(trial), hit.distance) for trial in trials)
+        shorter = next((own for own in found if own is not None and own.distance < hit.distance), None)
+        if shorter is None:
+            step *= 0.5
+        else:
+            hit = shorter
+    return hit
 
 
 def _directions(count: int) -> Array:

@@ -1,7 +1,8 @@
 """Goals of motions: what may be asked for, and which equilibria meet it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,7 @@ from pcm_gym.arrays import Array
 from pcm_gym.kernels.charts.motions import settle
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import mapping, one_of, shown
+from pcm_gym.mechanism.validation import finite_vector, one_of, shown
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.motion import Obstacle, PlanningError
@@ -36,20 +37,18 @@ class Wanted:
     equilibrium: Equilibrium | None = None
 
     @classmethod
-    def of(cls, goal: Goal, mechanism: Mechanism) -> "Wanted":
-        """Return what a goal asks for; an equilibrium of another mechanism is carried over."""
+    def of(cls, goal: Goal, mechanism: Mechanism, name: str = "goal") -> "Wanted":
+        """Return what a goal asks for; an equilibrium of another mechanism is carried over. `name` is for errors."""
         if isinstance(goal, Equilibrium):
-            return cls(equilibrium=goal if goal.mechanism == mechanism else carried_over(goal, mechanism, "goal"))
+            return cls(equilibrium=goal if goal.mechanism == mechanism else carried_over(goal, mechanism, name))
         if not isinstance(goal, Mapping):
-            return cls(pose=mechanism.check_pose(goal))
-        given = {one_of("goal key", key, ("pose", "inputs")): value for key, value in mapping("goal", goal).items()}
+            return cls(pose=finite_vector(name, goal, mechanism.dof))
+        sizes = {"pose": mechanism.dof, "inputs": mechanism.leg_count}
+        given = {one_of(f"{name} key", key, tuple(sizes)): value for key, value in goal.items()}
         if not given:
-            raise ValueError(f"goal must tell a pose or inputs, got {shown(goal)}")
-        pose, inputs = given.get("pose"), given.get("inputs")
-        return cls(
-            None if pose is None else mechanism.check_pose(pose),
-            None if inputs is None else mechanism.check_inputs(inputs),
-        )
+            raise ValueError(f"{name} must tell a pose or inputs, got {shown(goal)}")
+        checked = {key: finite_vector(f"{name}[{key!r}]", value, sizes[key]) for key, value in given.items()}
+        return cls(checked.get("pose"), checked.get("inputs"))
 
     @property
     def is_exact(self) -> bool:
@@ -83,7 +82,7 @@ class Wanted:
             raise PlanningError(Obstacle.LIMITS, f"{what}: inputs {inputs}")
         greatest = max(own.singularity_margin for own in kept)
         if greatest < least_margin:
-            raise PlanningError(Obstacle.GOAL_MARGIN, f"{what}: {greatest:.3g} of {least_margin:.3g}")
+            raise PlanningError(Obstacle.GOAL_MARGIN, f"{what}: {greatest:.3g}, least_margin {least_margin:.3g}")
         return [own for own in kept if own.singularity_margin >= least_margin]
 
     def _all(self, mechanism: Mechanism, load: Array) -> tuple[list[Equilibrium], str]:
@@ -94,6 +93,20 @@ class Wanted:
             return list(solve_forward(mechanism, self.inputs, load)), f"inputs {self.inputs.tolist()}"
         assert self.pose is not None
         return list(solve_inverse(mechanism, self.pose, load)), f"pose {self.pose.tolist()}"
+
+
+def wanted_of(goals: Sequence[Goal], count: int, mechanism: Mechanism) -> list[Wanted]:
+    """Return what `count` goals ask for; raise if they are not so many."""
+    refusal = f"goals must be as many as the starts, {count}, got {shown(goals)}"
+    if isinstance(goals, str | bytes | Mapping) or not isinstance(goals, Iterable):
+        raise TypeError(refusal)
+    try:
+        members = tuple(islice(goals, count + 1))
+    except Exception:  # an array without an axis, or whatever a foreign object raises
+        raise TypeError(refusal) from None
+    if len(members) != count:
+        raise ValueError(refusal)
+    return [Wanted.of(goal, mechanism, f"goals[{place}]") for place, goal in enumerate(members)]
 
 
 def carried_over(equilibrium: Equilibrium, mechanism: Mechanism, name: str) -> Equilibrium:

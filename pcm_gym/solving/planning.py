@@ -11,8 +11,8 @@ from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_negative, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
-from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over
-from pcm_gym.solving.roadmap import Roadmap, build_roadmap
+from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over, wanted_of
+from pcm_gym.solving.roadmap import Roadmap, build_roadmap, roadmap_raster
 from pcm_gym.solving.roadmap_search import RoadmapSearch, Targets
 from pcm_gym.solving.straight_ways import StraightWays, Way
 
@@ -20,6 +20,10 @@ from pcm_gym.solving.straight_ways import StraightWays, Way
 _LEAST_MARGIN = 0.5
 # Mechanisms, loads, steps and margins whose planners are kept for whoever asks again.
 _KEPT = 16
+# No state has a larger margin.
+_LARGEST_MARGIN = 10.0
+# Most steps from one limit of an input to the other.
+_MOST_STEPS = 10_000
 
 
 def plan_motion(
@@ -143,9 +147,7 @@ class MotionPlanner:
         at given inputs only those that are reached compete for being the nearest to a pose.
         """
         starts = sequence_of("starts", starts, Equilibrium)
-        wanted = [Wanted.of(goal, self._mechanism) for goal in goals]
-        if len(wanted) != len(starts):
-            raise ValueError(f"goals must be as many as the starts, {len(starts)}, got {len(wanted)}")
+        wanted = wanted_of(goals, len(starts), self._mechanism)
         found: list[Motion | None] = [None] * len(starts)
         for search, rows, nodes in self._beside(starts):
             here = _way_of([starts[row] for row in rows])
@@ -156,8 +158,8 @@ class MotionPlanner:
                 found[row] = None if own is None else self._motion(starts[row], own)
         return found
 
-    def _add(self, roadmap: Roadmap) -> None:
-        if len(roadmap):
+    def _add(self, roadmap: Roadmap | None) -> None:
+        if roadmap is not None and len(roadmap):
             self._searches.append(RoadmapSearch(roadmap, self._ways))
 
     def _beside(self, starts: Sequence[Equilibrium]) -> Iterator[tuple[RoadmapSearch, list[int], Integers]]:
@@ -169,7 +171,7 @@ class MotionPlanner:
         while left:
             if turn == len(self._searches):
                 self._add(_grown_from(starts[left[0]], self._step, self._ways))
-            if turn == len(self._searches):
+            if turn == len(self._searches):  # nothing keeps the margin there
                 left = left[1:]
                 continue
             search = self._searches[turn]
@@ -212,11 +214,12 @@ class MotionPlanner:
         """Return what to raise where goals are sound but no way leads there from the start."""
         inputs, margin = [np.round(goal.inputs, 6).tolist() for goal in goals], self._ways.least_margin
         if not any(True for _ in self._beside([start])):
-            return PlanningError(Obstacle.START_MARGIN, f"{margin:.3g}; the start has {start.singularity_margin:.3g}")
+            details = f"least_margin {margin:.3g}; the start has {start.singularity_margin:.3g}"
+            return PlanningError(Obstacle.START_MARGIN, details)
         if margin > 0.0:
             free = MotionPlanner(self._mechanism, self._load, self._step, 0.0)
             if any(motion is not None for motion in free.plan_many([start] * len(goals), goals)):
-                return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"{margin:.3g}; goals at inputs {inputs}")
+                return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"least_margin {margin:.3g}; goals at inputs {inputs}")
         return PlanningError(Obstacle.OTHER_SHEET, f"goals at inputs {inputs}")
 
 
@@ -231,29 +234,32 @@ def _steps(mechanism: Mechanism, step: ArrayLike | None) -> Array:
     steps = finite_vector("step", step, mechanism.leg_count)
     if not (steps > 0.0).all():
         raise ValueError(f"step must be greater than 0, got {steps.tolist()}")
+    counts = (mechanism.upper_limits - mechanism.lower_limits) / steps
+    if not counts.max() <= _MOST_STEPS:
+        raise ValueError(f"step must be at least 1/{_MOST_STEPS} of the range of each input, got {steps.tolist()}")
     return steps
 
 
 def _margin(stride: Array, least_margin: float | None) -> float:
     if least_margin is None:
         return _LEAST_MARGIN * float(stride.min())
-    return number_not_negative("least_margin", least_margin)
+    margin = number_not_negative("least_margin", least_margin)
+    if margin > _LARGEST_MARGIN:
+        raise ValueError(f"least_margin must be at most {_LARGEST_MARGIN:g}, the largest there is, got {least_margin}")
+    return margin
 
 
-def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap:
-    """Return the roadmap around a start: grown from it, or from the middles of the cells beside it."""
-    mechanism, margin = start.mechanism, ways.least_margin
-    roadmap = build_roadmap(mechanism, [start], step=step, least_margin=margin)
-    if len(roadmap):
-        return roadmap
-    raster, (x, inputs, _) = roadmap.raster, start.kernel_values()
+def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap | None:
+    """Return the roadmap around a start, from the middles of cells beside it; None where no way leads to one."""
+    mechanism, (x, inputs, _) = start.mechanism, start.kernel_values()
+    raster = roadmap_raster(mechanism, step)
     nodes = raster.nodes(raster.cells_around(start.inputs))
     count = (len(nodes), 1)
     reached, arrives = ways.walked(np.tile(x, count), np.tile(inputs, count), mechanism.units.kernel_from_inputs(nodes))
     seeds = [
         Equilibrium.unchecked(mechanism, reached[n], nodes[n], start.load) for n in np.flatnonzero(arrives).tolist()
     ]
-    return build_roadmap(mechanism, seeds, step=step, least_margin=margin) if seeds else roadmap
+    return build_roadmap(mechanism, seeds, step=step, least_margin=ways.least_margin) if seeds else None
 
 
 @lru_cache(maxsize=_KEPT)

@@ -141,7 +141,7 @@ class RoadmapSearch:
     def _graph(self) -> sparse.csr_array:
         starts, ends, is_own = self._steps()
         # in even steps, the same in both directions
-        counts = np.ceil(self._pitch / self._ways.stride - _ROUNDING)
+        counts = np.maximum(np.ceil(self._pitch / self._ways.stride - _ROUNDING), 1.0)
         leads = replace(self._ways, stride=self._pitch / counts).lead(self.nodes(starts), self.nodes(ends))
         own = np.flatnonzero(is_own & ~leads)  # the tracker has gone them, if not with all of their margins
         leads[own] = self._ways.lead_surely(self.nodes(starts[own]), self.nodes(ends[own]))
@@ -185,7 +185,7 @@ class RoadmapSearch:
         cells = np.rint(places).astype(np.int64)[:, None] + offsets
         order = np.abs(cells - places[:, None]).max(axis=2).argsort(axis=1, kind="stable")
         cells = np.take_along_axis(cells, order[:, :, None], axis=1)
-        is_within: Mask = ((cells >= 0) & (cells < np.array(shape))).all(axis=2)
+        is_within = np.asarray(((cells >= 0) & (cells < np.array(shape))).all(axis=2))
         flat = np.ravel_multi_index(tuple(np.moveaxis(np.where(is_within[..., None], cells, 0), 2, 0)), shape)
         return np.where(is_within, flat, _NOWHERE)
 

@@ -77,11 +77,11 @@ class StraightWays:
         return leads
 
     def lead_surely(self, start: Way, end: Way) -> Mask:
-        """Return what `lead` does, by the tracker itself, one by one: a walk gives up on some ways."""
+        """Return what `lead` does, by the tracker itself in even steps, one by one: a walk gives up on some ways."""
         leads = np.zeros(len(start.x), dtype=np.bool_)
         for row in range(len(leads)):
             ends = Way(*(np.stack([first[row], last[row]]) for first, last in zip(start, end, strict=True)))
-            leads[row] = self._stepped(ends) is not None
+            leads[row] = self._followed(ends, self._evenly_divided(ends.inputs)) is not None
         return leads
 
     def lengths(self, start: Array, end: Array) -> Array:
@@ -94,7 +94,7 @@ class StraightWays:
         plane = 2 * self.mechanism.leg_count + 2
         near = np.abs(x - other)[:, :plane] <= SAME_STATE * (1.0 + np.abs(x[:, :plane]))
         turns: Array = np.abs(np.sin(0.5 * (x - other)[:, plane:]))
-        same: Mask = np.concatenate([near, turns <= SAME_STATE], axis=1).all(axis=1)
+        same: Mask = np.asarray(np.concatenate([near, turns <= SAME_STATE], axis=1).all(axis=1))
         return same
 
     def shortened(self, ways: Sequence[Way]) -> list[Way | None]:
@@ -127,41 +127,37 @@ class StraightWays:
         return float(self.lengths(way.inputs[:-1], way.inputs[1:]).sum())
 
     def _stepped(self, way: Way) -> Way | None:
-        """Return a way in steps, each verified: evenly over all of it, or else from row to row."""
-        for divided in (self._divided, self._divided_by_rows):
-            inputs = divided(way.inputs)
-            x = self._followed(way.x[0], inputs)
-            if x is not None and self.are_same(x[-1:], way.x[-1:])[0]:
-                return Way(x, inputs)
-        return None
+        """Return a way in steps, each verified: the longest over all of it, or else even ones from row to row."""
+        found = self._followed(way, self._divided(way.inputs))
+        return self._followed(way, self._evenly_divided(way.inputs)) if found is None else found
 
     def _divided(self, inputs: Array) -> Array:
-        """Return inputs (n, legs) at even distances along a polyline (p, legs), corners cut."""
+        """Return inputs (n, legs) after each of the longest steps along a polyline (p, legs), corners cut."""
         places = np.concatenate([[0.0], np.cumsum(self.lengths(inputs[:-1], inputs[1:]))])
         count = math.ceil(places[-1] - _ROUNDING)
-        wanted = places[-1] * np.arange(count + 1) / max(count, 1)
+        wanted = np.minimum(np.arange(count + 1), places[-1])
         divided = np.stack([np.interp(wanted, places, values) for values in inputs.T], axis=1)
         divided[0], divided[-1] = inputs[0], inputs[-1]
         return divided
 
-    def _divided_by_rows(self, inputs: Array) -> Array:
-        """Return inputs (n, legs) along a polyline (p, legs), its corners among them."""
+    def _evenly_divided(self, inputs: Array) -> Array:
+        """Return inputs (n, legs) along a polyline (p, legs), its corners among them: the same in both directions."""
         counts = np.ceil(self.lengths(inputs[:-1], inputs[1:]) - _ROUNDING).astype(np.int64)
         rows = np.repeat(np.arange(len(counts)), counts)
         parts = (np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts) + 1) / counts[rows]
         between = inputs[rows] + parts[:, None] * (inputs[rows + 1] - inputs[rows])
         return np.concatenate([inputs[:1], np.where(parts[:, None] == 1.0, inputs[rows + 1], between)])
 
-    def _followed(self, x: Array, inputs: Array) -> Array | None:
-        """Return the states (n, size) at inputs (n, legs), followed from the first; None where one is not reached."""
-        states = np.empty((len(inputs), len(x)))
-        states[0] = x
+    def _followed(self, way: Way, inputs: Array) -> Way | None:
+        """Return the way over inputs (n, legs) from the start of another one; None unless it is verified to its end."""
+        x = np.empty((len(inputs), way.x.shape[1]))
+        x[0] = way.x[0]
         for first, last in slices(len(inputs) - 1, _FOLLOWED_AT_ONCE):
             part = slice(first, last + 1)
-            count = follow_inputs(self.mechanism.leg_table, self.load, inputs[part], self.least_margin, states[part])
+            count = follow_inputs(self.mechanism.leg_table, self.load, inputs[part], self.least_margin, x[part])
             if count < last + 1 - first:
                 return None
-        return states
+        return Way(x, inputs) if self.are_same(x[-1:], way.x[-1:])[0] else None
 
     def _pulled(self, ways: Sequence[Way]) -> list[Way]:
         """Return ways of which rows are left out: from each that is kept, a straight way leads to the next one.

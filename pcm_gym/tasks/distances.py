@@ -1,5 +1,6 @@
 """How many steps a planner needs: distances on the roadmap of a scene, by way of some of its nodes."""
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.charts.distances import FAR, Steps, all_neighbours, nearest_nodes, spread, steps_nearby
+from pcm_gym.solving import Roadmap
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
 
@@ -39,7 +41,11 @@ class Distances(NamedTuple):
 @remembered
 def distances(scene: Scene) -> Distances:
     """Return the distances on a scene's roadmap."""
-    roadmap = scene.roadmap
+    return distances_on(scene.roadmap, steps_per_way(scene))
+
+
+def distances_on(roadmap: Roadmap, steps: float) -> Distances:
+    """Return the distances on a roadmap whose ways take so many steps each."""
     neighbours = all_neighbours(roadmap.ways)
     covered, rows = np.zeros(len(roadmap), dtype=np.bool_), []
     for node in np.random.default_rng(0).permutation(len(roadmap)).tolist():
@@ -48,7 +54,7 @@ def distances(scene: Scene) -> Distances:
             covered |= rows[-1] <= _COVERED
     table, order = np.stack(rows), np.argsort(roadmap.cells, kind="stable")
     begins = np.searchsorted(roadmap.cells[order], np.arange(roadmap.raster.size + 1))
-    return Distances(steps_per_way(scene), neighbours, table.argmin(axis=0), table, order, begins)
+    return Distances(steps, neighbours, table.argmin(axis=0), table, order, begins)
 
 
 def steps_per_way(scene: Scene) -> float:
@@ -64,16 +70,18 @@ def ways_from(neighbours: Integers, node: int) -> Steps:
 
 
 class Potential:
-    """How far states are from goals, on the roadmap of a scene: 1 at a goal, less with every step that leads there."""
+    """How far states are from goals, on a roadmap: 1 at a goal, less with every step that leads there."""
 
     # Steps over which it falls by one.
     SCALE = 100.0
 
-    def __init__(self, scene: Scene) -> None:
-        self._legs, self._roadmap, self._distances = scene.mechanism.leg_count, scene.roadmap, distances(scene)
-        units = scene.mechanism.units
-        self._pitch, self._units = np.array(scene.pitch), units
-        self._places = units.kernel_from_inputs(self._roadmap.inputs) / self._pitch
+    def __init__(self, scene: Scene, roadmap: Roadmap) -> None:
+        is_own = roadmap is scene.roadmap
+        self._distances = distances(scene) if is_own else distances_on(roadmap, steps_per_way(scene))
+        self._legs, self._roadmap, self._units = scene.mechanism.leg_count, roadmap, scene.mechanism.units
+        self._pitch = np.array(scene.pitch)
+        self._places = self._units.kernel_from_inputs(roadmap.inputs) / self._pitch
+        self._around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=self._legs))) * roadmap.raster.pitch
 
     def __call__(self, x: Array, inputs: Array, goals: Array) -> Array:
         """Return the potentials (m,) of states (m, size) at inputs (m, legs) for goals (m, legs + size): inputs, state.
@@ -100,12 +108,12 @@ class Potential:
         return ways
 
     def _nodes(self, x: Array, inputs: Array) -> Integers:
-        """Return the nodes (m,) on the sheets of states, -1 where there are none."""
-        nodes = np.full(len(x), -1)
+        """Return the nodes (m,) on the sheets of states, in their cells or beside them, -1 where there are none."""
+        nodes, own = np.full(len(x), -1), self._distances
         known = np.flatnonzero(np.isfinite(x).all(axis=1))
-        cells = self._roadmap.raster.cells_of(self._units.inputs_from_kernel(inputs[known]))
+        around = self._units.inputs_from_kernel(inputs[known])[:, None] + self._around
+        cells = self._roadmap.raster.cells_of(around.reshape(-1, self._legs)).reshape(len(known), len(self._around))
         found = np.empty(len(known), dtype=np.int64)
-        own = self._distances
         nearest_nodes(np.ascontiguousarray(x[known]), cells, own.order, own.begins, self._roadmap.states, found)
         nodes[known] = found
         return nodes

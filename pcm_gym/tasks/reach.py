@@ -1,7 +1,7 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -38,9 +38,11 @@ class Reach(Task):
     difficulty : "anywhere", "near", "detour" or "rig"
         Where the goals are. Anywhere: evenly over the poses that stable paths reach. Near, the easy tier: 5 to 15
         straight steps from the start, fewer where more would lose stability. Detour: where the straight way of the
-        inputs does not lead, but another way does; refused for mechanisms with hardly any such goals. Rig: anywhere,
-        with what a real rig adds, see `pcm_gym.environments.rig`.
+        inputs does not lead, but another way does; refused for mechanisms with hardly any such goals. Rig: such goals
+        too, or any where there are none, with what a real rig adds, see `pcm_gym.environments.rig`.
     """
+
+    has_split: ClassVar[bool] = True
 
     difficulty: ReachDifficulty = "anywhere"
 
@@ -51,8 +53,11 @@ class Reach(Task):
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes whose starts are spread evenly, and whose goals can be reached without any cost."""
         check_sampling(scene, generators, threads)
-        if self.difficulty == "detour":
-            check_detours(scene)
+        if self.difficulty == "detour" and detour_share(scene) < _LEAST_SHARE:
+            raise ValueError(
+                f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: straight ways within the "
+                f"limits lead to {100.0 * (1.0 - detour_share(scene)):.1f} % of {_TRIED} goals"
+            )
 
         def drawn(chosen: Generators) -> tuple[Episodes, Mask]:
             start, ends, is_fit = self._pairs(scene, chosen, threads)
@@ -62,6 +67,9 @@ class Reach(Task):
         what = f"difficulty {self.difficulty!r} and success_distance {self.goals.success_distance} must leave goals"
         return draw_until(drawn, generators, f"{what} that are not met at the start")
 
+    def _wants_detours(self, scene: Scene) -> bool:
+        return self.difficulty == "detour" or (self.difficulty == "rig" and detour_share(scene) >= _LEAST_SHARE)
+
     def _pairs(self, scene: Scene, generators: Generators, threads: int) -> tuple[States, States, Mask]:
         """Return starts, ends, and which of them are of the kind wanted."""
         if self.difficulty == "near":
@@ -70,7 +78,7 @@ class Reach(Task):
             scene.walk(ends, draw(generators, 1 + scene.mechanism.leg_count), _WALK_STEPS, threads)
             return start, ends, np.ones(len(generators), dtype=np.bool_)
         start, ends, is_fit = anywhere(scene, generators, threads)
-        if self.difficulty == "detour":
+        if self._wants_detours(scene):
             rows = np.flatnonzero(is_fit)
             here, there = (States(*(array[rows] for array in states)) for states in (start, ends))
             is_fit[rows] = ~scene.leads_straight(here, there, threads)
@@ -94,13 +102,8 @@ def anywhere(scene: Scene, generators: Generators, threads: int) -> tuple[States
 
 
 @remembered
-def check_detours(scene: Scene) -> None:
-    """Raise a ValueError if a scene has hardly any goals to which no straight way leads."""
+def detour_share(scene: Scene) -> float:
+    """Return the share of the goals anywhere to which no straight way leads, of some that are tried."""
     generators = [np.random.default_rng([0, n]) for n in range(_TRIED)]
     start, ends, is_fit = anywhere(scene, generators, 1)
-    share = np.mean(is_fit & ~scene.leads_straight(start, ends))
-    if share < _LEAST_SHARE:
-        raise ValueError(
-            f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: straight ways within the limits "
-            f"keep stability and lead to the goal in {100.0 * (1.0 - share):.1f} % of {_TRIED} episodes"
-        )
+    return float(np.mean(is_fit & ~scene.leads_straight(start, ends)))

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.charts.roadmap import move_rows
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
+from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -22,6 +24,7 @@ from pcm_gym.mechanism.validation import (
     whole_number,
 )
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
+from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
 from pcm_gym.solving.roadmap import roadmap_raster
 from pcm_gym.tasks.memory import remembered
 
@@ -52,6 +55,8 @@ class Scene:
     origin : Equilibrium, optional
         A stable equilibrium under this load from which all episodes begin; by default they begin anywhere that stable
         paths reach from home.
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that starts, goals, and the ways between them keep, see `pcm_gym.StructuralLimits`.
     """
 
     mechanism: Mechanism
@@ -59,12 +64,14 @@ class Scene:
     stride: tuple[float, ...]
     margin: float
     origin: Equilibrium | None = None
+    limits: tuple[LimitName, ...] = ()
 
     def __post_init__(self) -> None:
         mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         object.__setattr__(self, "load", finite_tuple("load", self.load, mechanism.dof))
         object.__setattr__(self, "stride", finite_tuple("stride", self.stride, mechanism.leg_count))
         object.__setattr__(self, "margin", number_not_negative("margin", self.margin))
+        object.__setattr__(self, "limits", limits_of(mechanism, self.limits).names)
         if min(self.stride) <= 0.0:
             raise ValueError(f"stride must be greater than 0, got {self.stride}")
         if self.origin is not None and instance_of("origin", self.origin, Equilibrium).mechanism != mechanism:
@@ -74,6 +81,11 @@ class Scene:
     def reserve(self) -> float:
         """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
         return _RESERVE * self.margin
+
+    @cached_property
+    def structure(self) -> StructuralLimits:
+        """The limits of the structure."""
+        return StructuralLimits(self.mechanism, self.limits)
 
     @cached_property
     def pitch(self) -> tuple[float, ...]:
@@ -91,6 +103,18 @@ class Scene:
     def home(self) -> Equilibrium:
         """The home equilibrium under the load."""
         return _home(self.mechanism, self.load)
+
+    @property
+    def seed_name(self) -> str:
+        """What errors call the equilibrium that all else is reached from."""
+        return "home" if self.origin is None else "option equilibrium"
+
+    def check_seed(self) -> None:
+        """Raise a ValueError if the origin, or else home, breaks a limit."""
+        seed = self.origin or self.home
+        broken = self.structure.broken_by(seed)
+        if broken:
+            raise ValueError(f"{self.seed_name} must keep the limits {self.limits}, {seed!r} breaks {broken}")
 
     @property
     def roadmap(self) -> Roadmap:
@@ -142,8 +166,12 @@ class Scene:
         moved, stride = States(*(array.copy() for array in start)), np.array(self.stride)
         steps = np.abs((ends.inputs - start.inputs) / stride).max(axis=1, initial=0.0)
         self._walk(moved, ends.inputs, stride, np.ceil(steps).astype(np.int64) + 1, 0.0, threads)
-        apart = np.abs(np.column_stack([moved.x - ends.x, moved.inputs - ends.inputs]))
-        is_there: Mask = apart.max(axis=1, initial=0.0) < _SAME
+        is_there = _are_same(moved, ends)
+        if not self.structure:  # a walk may end where its steps are in doubt: the tracker tells
+            rows = np.flatnonzero(~is_there)
+            stopped, targets = States(*(array[rows] for array in moved)), ends.inputs[rows]
+            move_rows(self.mechanism.leg_table, stopped, targets, TERMINATE)
+            is_there[rows] = _are_same(stopped, States(*(array[rows] for array in ends)))
         return is_there
 
     def at_nodes(self, nodes: ArrayLike) -> States:
@@ -210,6 +238,33 @@ class Scene:
     def _walk(
         self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
     ) -> None:
+        """Walk as `walk` does; a walk also ends before the first step that would break a limit of the structure."""
+        if self.structure and steps.max(initial=0) > 1:
+            self._walk_step_by_step(states, targets, stride, steps, least_margin, threads)
+            return
+        known = (states.x.copy(), states.inputs.copy()) if self.structure else ()
+        self._walk_freely(states, targets, stride, steps, least_margin, threads)
+        if self.structure:
+            is_broken = np.logical_not(self.structure.are_kept(states.x, states.inputs))
+            for array, values in zip(states, known, strict=False):
+                array[is_broken] = values[is_broken]
+
+    def _walk_step_by_step(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
+        left, rows = steps.copy(), np.flatnonzero(steps > 0)
+        while len(rows):
+            moved = States(*(array[rows] for array in states))
+            self._walk(moved, targets[rows], stride, np.ones_like(rows), least_margin, threads)
+            goes_on = (moved.inputs != states.inputs[rows]).any(axis=1)
+            for array, values in zip(states, moved, strict=True):
+                array[rows] = values
+            left[rows] -= 1
+            rows = rows[goes_on & (left[rows] > 0)]
+
+    def _walk_freely(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
         legs = self.mechanism.leg_table
 
         def part(first: int, last: int) -> None:
@@ -217,6 +272,13 @@ class Scene:
             walk(legs, rows, targets[first:last], stride, steps[first:last], least_margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
+
+
+def _are_same(states: States, others: States) -> Mask:
+    """Return which states (n, ...) are the same."""
+    apart = np.abs(np.column_stack([states.x - others.x, states.inputs - others.inputs]))
+    same: Mask = apart.max(axis=1, initial=0.0) < _SAME
+    return same
 
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
@@ -244,12 +306,15 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
     seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
+    scene.check_seed()
+    roadmap = build_roadmap(
+        scene.mechanism, [seed], step=steps, least_margin=scene.reserve, limits=scene.structure.names
+    )
     if not len(roadmap):
-        name = "home" if scene.origin is None else "option equilibrium"
         raise ValueError(
-            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
-            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is {_RESERVE} "
-            "times singular_margin, by default half of the least max_action: one of these must be smaller"
+            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and limits "
+            f"{scene.limits}, to the middle of its cell of inputs; got {seed.singularity_margin:.3g} at inputs "
+            f"{seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the least max_action: "
+            "one of these must be smaller"
         )
     return roadmap

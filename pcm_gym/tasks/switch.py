@@ -51,6 +51,7 @@ class Switch(Task):
     """
 
     with_inputs: ClassVar[bool] = True
+    has_split: ClassVar[bool] = True
 
     difficulty: SwitchDifficulty = "around"
 
@@ -84,6 +85,10 @@ class Switch(Task):
             return Episodes(start, there[:, None], goal, ends.falls[pairs]), is_fit & ~self._scored(here, there)[1]
 
         return draw_until(drawn, generators, "success_distance must leave goals that are not met at the start")
+
+    def roadmap(self, scene: Scene) -> Roadmap:
+        """Return the roadmap of all sheets that are known, not only of those that home leads to."""
+        return _all_sheets(scene)
 
     def progress_metrics(self, progress: Progress) -> dict[str, NDArray[Any]]:
         """Return how few falls lead to the goals of "fall", to compare with the `losses` of an episode."""
@@ -122,13 +127,20 @@ def switches(scene: Scene, may_fall: bool) -> Switches:
     return (_from_anywhere if scene.origin is None else _from_origin)(scene, may_fall)
 
 
-def _from_anywhere(scene: Scene, may_fall: bool) -> Switches:
-    mechanism, numbers = scene.mechanism, np.random.default_rng(0)
+@remembered
+def _all_sheets(scene: Scene) -> Roadmap:
+    """Return the roadmap grown from all stable equilibria at home and at inputs spread over the limits."""
+    mechanism = scene.mechanism
     count = _SEED_NODES[mechanism.leg_count]
     spans = zip(mechanism.lower_limits, mechanism.upper_limits, strict=True)
     axes = [low + (np.arange(count) + 0.5) / count * (high - low) for low, high in spans]
     nodes = [scene.home.inputs, *np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, mechanism.leg_count)]
-    chart = _Chart(scene, may_fall, [found for inputs in nodes for found in _stable_at(scene, inputs)])
+    return _roadmap_from(scene, [found for inputs in nodes for found in _stable_at(scene, inputs)])
+
+
+def _from_anywhere(scene: Scene, may_fall: bool) -> Switches:
+    mechanism, numbers = scene.mechanism, np.random.default_rng(0)
+    chart = _Chart(scene, may_fall, _all_sheets(scene))
     partners = _partners(chart.roadmap)
     joined = chart.roadmap.components[partners]
     partners = partners[(joined[:, 0] == joined[:, 1]) != may_fall]
@@ -143,7 +155,7 @@ def _from_origin(scene: Scene, may_fall: bool) -> Switches:
     origin = scene.origin
     assert origin is not None
     others = [found for found in _stable_at(scene, origin.inputs) if not np.allclose(found.state, origin.state)]
-    chart = _Chart(scene, may_fall, [origin, *others])
+    chart = _Chart(scene, may_fall, _roadmap_from(scene, [origin, *others]))
     start, *ends = chart.roadmap.seeds
     partners = np.array([(start, end) for end in ends if start >= 0 and end >= 0], dtype=np.int64).reshape(-1, 2)
     pairs, steps, falls = chart.led_to(partners[:1, 0], partners)
@@ -159,12 +171,16 @@ def _stable_at(scene: Scene, inputs: Array) -> list[Equilibrium]:
     return list(solve_forward(scene.mechanism, inputs, scene.load, rho_max).stable)
 
 
+def _roadmap_from(scene: Scene, seeds: list[Equilibrium]) -> Roadmap:
+    step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
+    return build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve, limits=scene.limits)
+
+
 class _Chart:
     """The sheets that stable equilibria lie on, and the falls from one to another."""
 
-    def __init__(self, scene: Scene, may_fall: bool, seeds: list[Equilibrium]) -> None:
-        step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-        self.roadmap = build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve)
+    def __init__(self, scene: Scene, may_fall: bool, roadmap: Roadmap) -> None:
+        self.roadmap = roadmap
         self._falls = find_falls(self.roadmap) if may_fall and len(self.roadmap) else None
         self._steps_per_way = steps_per_way(scene)
 

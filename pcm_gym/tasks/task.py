@@ -15,6 +15,7 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress, Scale, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_array, instance_of, sequence_of, shown, whole_array, whole_number
+from pcm_gym.solving import Roadmap
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
@@ -79,11 +80,13 @@ class Task(ABC):
     """
 
     # Whether goals are whole equilibria, the steps after which they begin again, how many steps ahead the agent sees
-    # the goal beside the present one, and whether all states at their goal count for success, not those in a row.
+    # the goal beside the present one, whether all states at their goal count for success, not those in a row, and
+    # whether training and test draw episodes of different places: those of a task that draws few must not.
     with_inputs: ClassVar[bool] = False
     period: ClassVar[int] = 1
     look_ahead: ClassVar[tuple[int, ...]] = ()
     counts_all: ClassVar[bool] = False
+    has_split: ClassVar[bool] = False
 
     goals: Goals = field(repr=False)
 
@@ -104,6 +107,10 @@ class Task(ABC):
         ValueError
             If the scene has no such episodes.
         """
+
+    def roadmap(self, scene: Scene) -> Roadmap:
+        """Return what the ways from starts to goals are on."""
+        return scene.roadmap
 
     @property
     def behaviours(self) -> tuple[OnInstability, ...]:

@@ -31,9 +31,9 @@ _HARMONICS, _TURN = 3, 1.0
 # Sizes with which a curve is tried, in mean rod lengths: the first is drawn from this range, the next ones are smaller.
 _SIZES, _SHRINKING, _TRIALS = (0.1, 0.4), 0.7, 5
 # At the edge the greatest size is sought in this range, so many times halved.
-_EDGE_SIZES, _HALVINGS = (0.1, 1.2), 5
-# No path is smaller than so many distances that count as being at the goal: who stands still is far from it.
-_LEAST_SIZE = 4.0
+_EDGE_SIZES, _HALVINGS = (0.04, 1.2), 6
+# No path has a smaller diameter than so many distances that count as being at the goal: standing still is no success.
+_LEAST_DIAMETER = 4.0
 # Part of the states at their goal that makes a success.
 _SHARE = 0.8
 
@@ -78,6 +78,7 @@ class Track(Task):
     period: ClassVar[int] = _PERIOD
     look_ahead: ClassVar[tuple[int, ...]] = (1, 2, 4, 8)
     counts_all: ClassVar[bool] = True
+    has_split: ClassVar[bool] = True
 
     path: Path = "any"
     difficulty: TrackDifficulty = "inside"
@@ -146,11 +147,11 @@ def paths(scene: Scene, shapes: tuple[str, ...], tier: _Tier, tolerance: float) 
     ValueError
         If there are none.
     """
-    found = [path for shape in shapes for path in _paths_of(scene, shape, tier, _LEAST_SIZE * tolerance)]
+    found = [path for shape in shapes for path in _paths_of(scene, shape, tier, _LEAST_DIAMETER * tolerance)]
     if not found:
         raise ValueError(
             f"mechanism {scene.mechanism.name!r} has no path {' or '.join(shapes)!r} that the agent's steps can follow "
-            f"and that is larger than {_LEAST_SIZE:g} success_distance"
+            f"and that has a diameter of at least {_LEAST_DIAMETER:g} success_distance"
         )
     legs = scene.mechanism.leg_count
     x = np.stack([path.x for path in found])
@@ -163,7 +164,7 @@ def paths(scene: Scene, shapes: tuple[str, ...], tier: _Tier, tolerance: float) 
     )
 
 
-def _paths_of(scene: Scene, shape: str, tier: _Tier, least_size: float) -> list[_Followed]:
+def _paths_of(scene: Scene, shape: str, tier: _Tier, least: float) -> list[_Followed]:
     numbers, threads = np.random.default_rng(_SHAPES.index(shape)), default_thread_count()
     starts = starts_of(scene, [numbers] * _CURVES, threads)
     dof = starts.load.shape[1]
@@ -172,7 +173,7 @@ def _paths_of(scene: Scene, shape: str, tier: _Tier, least_size: float) -> list[
     found: list[_Followed | None] = [None] * _CURVES
 
     def follow(n: int) -> None:
-        start = States(*(array[n] for array in starts))
+        start, least_size = States(*(array[n] for array in starts)), least / _diameter(curves[n])
         if tier == _EDGE:
             found[n] = _largest(scene, start, curves[n], least_size)
         else:
@@ -211,13 +212,21 @@ def _followed(scene: Scene, start: States, curve: Array, size: float, tier: _Tie
     legs, largest = scene.mechanism.leg_table, tier.pace * np.array(scene.stride)
     x, inputs = np.empty((_PERIOD + 1, len(start.x))), np.empty((_PERIOD + 1, len(start.inputs)))
     pose = start.x[2 * len(start.inputs) :]
-    points = _points(curve[None], 2.0 * math.pi / _PERIOD * np.arange(_PERIOD + 1)[None])[0]
+    points = _points(curve[None], 2.0 * math.pi / _PERIOD * np.arange(_PERIOD + 1, dtype=np.float64)[None])[0]
     for own_size in (tier.least * size, size):
         x[0], inputs[0] = start.x, start.inputs
         reached = follow_path(legs, start.load, pose + own_size * points, largest, scene.reserve, x, inputs)
         if reached <= _PERIOD or not np.allclose(inputs[-1], inputs[0], rtol=0.0, atol=1e-8):
             return None
+        if not scene.structure.are_kept(x, inputs).all():
+            return None
     return _Followed(curve, size, x[:-1], inputs[:-1])
+
+
+def _diameter(curve: Array) -> float:
+    """Return the greatest distance between two points of a curve, its turns left aside."""
+    points = _points(curve[None], 2.0 * math.pi / _PERIOD * np.arange(_PERIOD, dtype=np.float64)[None])[0, :, :2]
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max())
 
 
 def _starts(scene: Scene, library: Paths, tier: _Tier, chosen: Integers, first: Array, part: Array) -> States:
@@ -234,7 +243,12 @@ def _starts(scene: Scene, library: Paths, tier: _Tier, chosen: Integers, first: 
     poses = library.pose[chosen] + (library.size[chosen] * part)[:, None] * points
     mechanism, most = scene.mechanism, np.full(scene.mechanism.leg_count, math.inf)
     load = mechanism.units.kernel_from_load(np.array(scene.load))
+    known = States(*(array.copy() for array in states)) if scene.limits else states
     arrived = step_to_poses(mechanism.leg_table, load, poses, most, scene.reserve, states.x, states.inputs)
+    if scene.limits:
+        arrived &= scene.structure.are_kept(states.x, states.inputs)
+        for array, values in zip(states, known, strict=True):
+            array[~arrived] = values[~arrived]
     first[~arrived], part[~arrived] = nearest[~arrived], 1.0
     return states
 

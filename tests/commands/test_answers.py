@@ -92,6 +92,17 @@ def test_track_proves_its_way(shell: Shell) -> None:
     assert [(step["event"], step["certificate"]) for step in steps] == [("none", "proved")] * 2
 
 
+def test_plans_lead_to_the_goal_on_stable_equilibria(shell: Shell) -> None:
+    content = shell("plan", "2RFR", "--pose", "0.3,0.7", "--json").content
+    np.testing.assert_allclose(content["equilibria"][-1]["pose"], [0.3, 0.7], atol=1e-9)
+    assert all(each["is_stable"] for each in content["equilibria"])
+    assert np.abs(np.diff(content["inputs"], axis=0)).max() <= 0.1 + 1e-12
+    both = shell("plan", "2RFR", "--to", "2.3,1.2", "--step", "0.05,0.05", "--json").content
+    np.testing.assert_allclose(both["inputs"][-1], [2.3, 1.2], atol=1e-12)
+    assert both["length"] == len(both["inputs"]) - 1
+    assert "steps" in shell("plan", "2RFR", "--to", "2.3,1.2").output
+
+
 def test_fold_is_the_nearest_one(shell: Shell) -> None:
     expected = pcm_gym.nearest_fold(pcm_gym.home_equilibrium(pcm_gym.get_mechanism("2RFR")))
     assert expected is not None
@@ -101,13 +112,21 @@ def test_fold_is_the_nearest_one(shell: Shell) -> None:
     assert shell("fold", "2RFR", "--reach", "0.01", "--json").content["fold"] is None
 
 
-def test_snap_falls_from_the_nearest_fold_and_from_what_is_unstable(shell: Shell) -> None:
-    for arguments in ([], ["--number", "2"]):
+def test_snap_falls_from_the_fold_on_a_way_and_from_what_is_unstable(shell: Shell) -> None:
+    for arguments in (["--to=4.6,3.5"], ["--number", "2"]):
         content = shell("snap", "2RFR", *arguments, "--json").content
         assert content["status"] == "landed"
         assert content["landing"]["is_stable"]
         assert content["energy_released"] == pytest.approx(content["from"]["energy"] - content["landing"]["energy"])
-    assert "rest" in shell("snap", "2RFR").output
+    assert "rest" in shell("snap", "2RFR", "--to=4.6,3.5").output
+
+
+def test_snap_says_where_nothing_falls(shell: Shell) -> None:
+    """At the fold that is nearest to the home of the 2RFR no small disturbance lowers the energy."""
+    content = shell("snap", "2RFR", "--json").content
+    assert content["status"] == "stayed"
+    assert content["landing"] is None
+    assert "No small disturbance" in shell("snap", "2RFR").output
 
 
 def test_loads_bear(shell: Shell) -> None:

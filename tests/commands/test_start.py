@@ -61,7 +61,7 @@ def test_entry_point_is_the_packages_own() -> None:
         assert entry.value in ("pcm_gym.commands.app:main", "agents.cli:main")  # of an installation from before
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("train", "evaluate", "figures")])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("train", "evaluate", "export", "figures")])
 def test_every_command_has_help_and_answers_in_json(shell: Shell, name: str) -> None:
     ended = shell(name, "--help")
     assert ended.code == 0
@@ -69,7 +69,12 @@ def test_every_command_has_help_and_answers_in_json(shell: Shell, name: str) -> 
 
 
 def test_commands_of_the_checkout_have_help_of_their_own(shell: Shell) -> None:
-    for name, option in (("train", "--resume"), ("evaluate", "--episodes"), ("figures", "--only")):
+    for name, option in (
+        ("train", "--resume"),
+        ("evaluate", "--episodes"),
+        ("export", "--output"),
+        ("figures", "--only"),
+    ):
         ended = shell(name, "--help")
         assert ended.code == 0
         assert option in ended.output

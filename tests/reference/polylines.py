@@ -45,7 +45,7 @@ def _crossings(first: Array, second: Array, is_same: bool) -> Array:
     return found[: _find(first, second, is_same, found)]
 
 
-@njit(cache=False)  # type: ignore[untyped-decorator]
+@njit(cache=False)
 def _find(first, second, is_same, found):
     count, n, m = 0, len(first) - 1, len(second) - 1
     for i0 in range(0, n, _BLOCK):

@@ -225,7 +225,7 @@ def test_bad_arguments_are_named(mechanism: Mechanism) -> None:
     start = pcm_gym.home_equilibrium(mechanism)
     with pytest.raises(TypeError, match="start must be an Equilibrium"):
         plan_motion(start.inputs, start)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"pose must have shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"goal must have shape \(2,\)"):
         plan_motion(start, [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="goal key must be one of"):
         plan_motion(start, {"place": [0.0, 0.0]})
@@ -233,6 +233,10 @@ def test_bad_arguments_are_named(mechanism: Mechanism) -> None:
         plan_motion(start, {})
     with pytest.raises(ValueError, match="step must be greater than 0"):
         plan_motion(start, start, step=[0.1, 0.0])
+    with pytest.raises(ValueError, match="step must be at least 1/10000 of the range"):
+        plan_motion(start, start, step=[0.1, 1e-9])
+    with pytest.raises(ValueError, match=r"goal\['pose'\] must"):
+        plan_motion(start, {"pose": [0.0, np.inf]})
     with pytest.raises(ValueError, match="least_margin must be at least 0"):
         plan_motion(start, start, least_margin=-1.0)
     with pytest.raises(TypeError, match="mechanism must be a Mechanism"):

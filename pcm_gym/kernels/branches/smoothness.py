@@ -9,9 +9,10 @@ D'_1. If a smooth branch joins the ends, then
     y_1 - y_0 = h (t_0 + t_1) / 2   and   D_1 - D_0 = h (D'_0 + D'_1) / 2
 
 up to terms of third order, which also measure how much more of the branch the ends do not tell; t_1 and D'_1 are by the
-step's own parameter, with arcs not by the length along the tangent there. A step is accepted if both are small, and if
-the cubic through the values and rates of D keeps farther from zero than that. A longer step than the branch's own scale
-fails, and is divided. This is a test, not a proof.
+step's own parameter, with arcs not by the length along the tangent there. A step is accepted if both are small, if the
+ends' determinants are not too unlike, and if the cubic through the values and rates of D keeps farther from zero than
+that, and than a part of the smaller end. A longer step than the branch's own scale fails, and is divided. This is a
+test, not a proof.
 """
 
 import math
@@ -33,6 +34,11 @@ _ROUNDING = 1e-10
 _LARGEST_SPREAD = 0.05
 # Beside a determinant at the other end so much larger, one is nothing.
 _NOTHING = 1e-6
+# Largest ratio of the determinants at both ends, and least one of the cubic between them and the smaller end: beyond
+# that the ends do not tell whether it vanishes beside one of them, or in a dip between two that are much alike.
+_LARGEST_RATIO, _LEAST_RATIO = 8.0, 0.25
+# A step that begins at a determinant as small as this begins at a singular state.
+_SINGULAR = 1e-8
 # What is known of an end serves for later steps from it, until one is this part of the step it was looked at for.
 _KEPT = 1.0 / 8.0
 # Part of the largest defect that a step is to have, and by how much it grows or shrinks at most.
@@ -141,7 +147,8 @@ def is_one_branch(here: End, there: End, rate: float) -> bool:
 def is_clear(here: End, there: End, part: float) -> bool:
     """Return whether the determinant keeps its sign over a part of a step, as far as its ends tell.
 
-    The step may begin at a singular state, but for rounding.
+    The step may begin at a singular state, but for rounding. Otherwise such states are left and approached by steps in
+    which the determinant changes by no more than a factor.
     """
     defect = abs(there.value - here.value - 0.5 * (here.change + there.change))
     least, greatest = math.inf, max(abs(here.value), abs(there.value))
@@ -149,7 +156,10 @@ def is_clear(here: End, there: End, part: float) -> bool:
     sign = 1.0 if (there.value if is_nothing else here.value) > 0.0 else -1.0
     for k in range(1, _SAMPLES + 1):
         least = min(least, sign * cubic(here.value, here.change, there.value, there.change, part * k / _SAMPLES))
-    return (defect <= _LARGEST_SPREAD * greatest) & (least > _CLEARANCE * defect)
+    smaller = min(abs(here.value), abs(there.value))
+    is_close = (_LARGEST_RATIO * smaller >= greatest) | (abs(here.value) <= _SINGULAR)
+    keeps_off = least > max(_CLEARANCE * defect, _LEAST_RATIO * smaller)
+    return (defect <= _LARGEST_SPREAD * greatest) & keeps_off & is_close
 
 
 @formula

@@ -92,18 +92,19 @@ def _over(steps: Steps, node: int, place: Array, own: Array) -> float:
 
 @kernel
 def nearest_nodes(x: Array, cells: Integers, order: Integers, begins: Integers, states: Array, out: Integers) -> None:
-    """Fill `out` (m,) with the nodes of cells (m,) whose states (n, size) are nearest to `x` (m, size), or -1.
+    """Fill `out` (m,) with the nodes of cells (m, k) whose states (n, size) are nearest to `x` (m, size), or -1.
 
     `order` (n,) has the nodes cell by cell; those of a cell begin at `begins` (cells + 1,).
     """
     for row in range(cells.shape[0]):
         out[row], least = NOWHERE, np.inf
-        if cells[row] == NOWHERE:
-            continue
-        for k in range(begins[cells[row]], begins[cells[row] + 1]):
-            squared = 0.0
-            for j in range(x.shape[1]):
-                difference = x[row, j] - states[order[k], j]
-                squared += difference * difference
-            if squared < least:
-                out[row], least = order[k], squared
+        for cell in cells[row]:
+            if cell == NOWHERE:
+                continue
+            for k in range(begins[cell], begins[cell + 1]):
+                squared = 0.0
+                for j in range(x.shape[1]):
+                    difference = x[row, j] - states[order[k], j]
+                    squared += difference * difference
+                if squared < least:
+                    out[row], least = order[k], squared

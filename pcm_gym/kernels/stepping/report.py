@@ -21,7 +21,7 @@ class Costs(TypedDict):
 
 
 class Verdict(Costs):
-    """What a step has cost and led to; all but the last three names are those of the infos."""
+    """What a step has cost and led to; the first names, up to `at_limit`, and the last three are those of the infos."""
 
     index: int  # Morse index of the state
     stability_margin: float
@@ -35,6 +35,10 @@ class Verdict(Costs):
     fraction: float  # of the way that was gone
     is_lost: bool  # whether a loss of stability ends the episode
     is_stable: bool  # whether the state is stable, and is not left by a loss of stability
+    # Whether a limit of the structure is broken, 0 or 1 each: told where it is asked for.
+    cost_stress: float
+    cost_torque: float
+    cost_contact: float
 
 
 # A verdict as the kernels write it: an element of an array.

@@ -20,8 +20,8 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.rods.elliptic import jacobi
-from pcm_gym.kernels.rods.rod import base_end, tip_half_angle
+from pcm_gym.kernels.rods.elliptic import LEAST_LANE_COMPLEMENT, jacobi, jacobi_in_lanes
+from pcm_gym.kernels.rods.rod import LARGEST_LOAD, SERIES_LOAD, base_end, tip_half_angle
 from pcm_gym.kernels.statics.formulas import Pair, turned
 
 # Columns of a curve: tip and tangent there, world frame; load g; length; bound on the magnitude of the curvature.
@@ -31,10 +31,9 @@ CURVE_COLUMNS = 8
 _X, _Y, _COS, _SIN = range(4)
 _POINT_COLUMNS = 4
 
-# Middles of arcs of up to `_KEPT_DEPTH` halvings are kept for the next pair of curves. Bent curves are looked at from
-# `_FIRST_DEPTH` halvings on: longer arcs are hardly ever apart.
-_KEPT_DEPTH, _FIRST_DEPTH, _DEEPEST = 5, 2, 26
-_KEPT = 1 << (_KEPT_DEPTH + 1)
+# Bent curves are looked at in arcs of so many halvings from the first on: longer ones are hardly ever apart.
+_FIRST_DEPTH, _FIRST_ARCS = 2, 4
+_DEEPEST = 26
 # Pairs of arcs that are looked at: many more than curves need that do not follow each other for a way.
 _MOST_PAIRS = 20_000
 _STACK = 256
@@ -51,12 +50,15 @@ _LEAST_ARGUMENT, _NO_LOAD = 1e-100, 1e-280
 APART, TIPS, TIP_AND_BASE = range(3)
 
 
+# Of an arc its half length, how far it goes off the tangent in its middle, and how far that may turn from there.
+Size = tuple[float, float, float]
+
+
 class Curves(NamedTuple):
-    """Curves, and the middles of their arcs as far as these are known."""
+    """Curves, the middles of the arcs that each is looked at in first, and scratch arrays."""
 
     rows: Array  # (n, 8)
-    middles: Array  # (n, kept, 4)
-    is_known: Integers  # (n, kept)
+    middles: Array  # (n, 4, 4): of a straight curve only the first one counts, that of the whole
     stack: Integers  # (m, 2)
     point: Array  # (2, 4)
 
@@ -66,8 +68,7 @@ def make_curves(count: int) -> Curves:
     """Return so many curves, not set yet."""
     return Curves(
         np.zeros((count, CURVE_COLUMNS)),
-        np.empty((count, _KEPT, _POINT_COLUMNS)),
-        np.zeros((count, _KEPT), np.int64),
+        np.empty((count, _FIRST_ARCS, _POINT_COLUMNS)),
         np.empty((_STACK, 2), np.int64),
         np.empty((2, _POINT_COLUMNS)),
     )
@@ -77,17 +78,46 @@ def make_curves(count: int) -> Curves:
 def set_point(row: Array, part: float, point: Array) -> None:
     """Fill `point` with place and tangent of a curve at the arc length `part` L back from its tip."""
     g_x, g_y = row[LOAD_X], row[LOAD_Y]
-    load, frame = math.hypot(g_x, g_y), (row[END_COS], row[END_SIN])
-    away, tangent = (part, 0.0), (1.0, 0.0)
+    load = math.hypot(g_x, g_y)
     if load > _NO_LOAD:
         kappa, kappa_c = tip_half_angle(g_x, g_y, load)
         argument = max(part * math.sqrt(load), _LEAST_ARGUMENT)
-        cos_0, sin_0, _, along, across, _, _ = base_end(argument, kappa, kappa_c, jacobi(argument, kappa, abs(kappa_c)))
-        force = (g_x / load, g_y / load)  # its direction, seen from the tip
-        away, tangent = turned(force, (part * along, part * across)), turned(force, (cos_0, sin_0))
-    away, tangent = turned(frame, away), turned(frame, tangent)
+        functions = jacobi(argument, kappa, abs(kappa_c))
+        _put_point(row, part, (g_x / load, g_y / load), base_end(argument, kappa, kappa_c, functions), point)
+    else:
+        _put_point(row, part, (1.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), point)
+
+
+@formula
+def _put_point(
+    row: Array, part: float, force: Pair, base: tuple[float, float, float, float, float, float, float], point: Array
+) -> None:
+    """Fill `point` with a cut, whose `base_end` is known; `force` is the force's direction, as the tip sees it."""
+    frame = turned((row[END_COS], row[END_SIN]), force)
+    away, tangent = turned(frame, (part * base[3], part * base[4])), turned(frame, (base[0], base[1]))
     point[_X], point[_Y] = row[END_X] - row[CURVE_LENGTH] * away[0], row[END_Y] - row[CURVE_LENGTH] * away[1]
     point[_COS], point[_SIN] = tangent
+
+
+@kernel
+def set_middles(curves: Curves, curve: int) -> None:
+    """Fill the middles of the first arcs of a curve."""
+    row, middles = curves.rows[curve], curves.middles[curve]
+    if not row[CURVATURE] > 0.0:
+        set_point(row, 0.5, middles[0])
+        return
+    g_x, g_y = row[LOAD_X], row[LOAD_Y]
+    load = math.sqrt(g_x * g_x + g_y * g_y)
+    kappa, kappa_c = tip_half_angle(g_x, g_y, max(load, _NO_LOAD))
+    if not (abs(kappa_c) >= LEAST_LANE_COMPLEMENT and SERIES_LOAD <= load <= LARGEST_LOAD):
+        for arc in range(_FIRST_ARCS):
+            set_point(row, _part(_FIRST_ARCS + arc, _FIRST_DEPTH), middles[arc])
+        return
+    rho, force, complement = math.sqrt(load), (g_x / load, g_y / load), abs(kappa_c)
+    for arc in range(_FIRST_ARCS):  # becomes vector instructions
+        part = 1.0 - (arc + 0.5) / _FIRST_ARCS
+        functions = jacobi_in_lanes(part * rho, kappa, complement)
+        _put_point(row, part, force, base_end(part * rho, kappa, kappa_c, functions), middles[arc])
 
 
 @formula
@@ -107,97 +137,93 @@ def _part(arc: int, depth: int) -> float:
 
 
 @formula
-def _set_middle(curves: Curves, curve: int, arc: int, depth: int, point: Array) -> None:
-    """Fill `point` with the middle of an arc."""
-    if depth > _KEPT_DEPTH:
-        set_point(curves.rows[curve], _part(arc, depth), point)
-        return
-    middle = curves.middles[curve, arc]
-    if curves.is_known[curve, arc] == 0:
-        set_point(curves.rows[curve], _part(arc, depth), middle)
-        curves.is_known[curve, arc] = 1
-    for n in range(_POINT_COLUMNS):
-        point[n] = middle[n]
+def _size(row: Array, depth: int) -> Size:
+    """Return the size of an arc of a curve."""
+    half = 0.5 * row[CURVE_LENGTH] / (1 << depth)
+    turn = row[CURVATURE] * half
+    return half, 0.5 * turn * half, turn
 
 
 @formula
-def _are_apart(first: Array, second: Array, first_size: Pair, second_size: Pair) -> bool:
-    """Return whether two rectangles, half lengths along and across the tangents, are apart: by one of their axes."""
+def _are_apart(
+    first: Array, second: Array, size: tuple[float, float, float], other: tuple[float, float, float]
+) -> bool:
+    """Return whether the rectangles of two arcs with these middles are apart: by one of their axes."""
+    cos, sin, other_cos, other_sin = first[_COS], first[_SIN], second[_COS], second[_SIN]
     gap_x, gap_y = second[_X] - first[_X], second[_Y] - first[_Y]
-    cosine = abs(first[_COS] * second[_COS] + first[_SIN] * second[_SIN])
-    sine = abs(first[_COS] * second[_SIN] - first[_SIN] * second[_COS])
+    cosine, sine = abs(cos * other_cos + sin * other_sin), abs(cos * other_sin - sin * other_cos)
     return bool(
-        (
-            abs(gap_x * first[_COS] + gap_y * first[_SIN])
-            > first_size[0] + second_size[0] * cosine + second_size[1] * sine
-        )
-        | (
-            abs(gap_y * first[_COS] - gap_x * first[_SIN])
-            > first_size[1] + second_size[0] * sine + second_size[1] * cosine
-        )
-        | (
-            abs(gap_x * second[_COS] + gap_y * second[_SIN])
-            > second_size[0] + first_size[0] * cosine + first_size[1] * sine
-        )
-        | (
-            abs(gap_y * second[_COS] - gap_x * second[_SIN])
-            > second_size[1] + first_size[0] * sine + first_size[1] * cosine
-        )
+        (abs(gap_x * cos + gap_y * sin) > size[0] + other[0] * cosine + other[1] * sine)
+        | (abs(gap_y * cos - gap_x * sin) > size[1] + other[0] * sine + other[1] * cosine)
+        | (abs(gap_x * other_cos + gap_y * other_sin) > other[0] + size[0] * cosine + size[1] * sine)
+        | (abs(gap_y * other_cos - gap_x * other_sin) > other[1] + size[0] * sine + size[1] * cosine)
     )
+
+
+@formula
+def _sine(first: Array, second: Array) -> float:
+    """Return the sine of the angle between the tangents at two points."""
+    sine: float = first[_COS] * second[_SIN] - first[_SIN] * second[_COS]
+    return sine
 
 
 @kernel
 def find_arc_crossings(curves: Curves, first: int, second: int, shared: int, found: Array) -> int:
     """Put parts (k, 2), of each length back from its tip, of where two curves cross into `found`; return their number.
 
-    No more than k are looked for.
+    No more than k are looked for. The middles of both must be set.
     """
-    rows, stack, point = curves.rows, curves.stack, curves.point
-    first_row, second_row = rows[first], rows[second]
-    size, count = _start(first_row, second_row, stack), 0
-    for _ in range(_MOST_PAIRS):
-        if size == 0 or count == found.shape[0]:
-            break
-        size -= 1
-        arc, other = stack[size, 0], stack[size, 1]
-        depth, other_depth = _depth(arc), _depth(other)
-        _set_middle(curves, first, arc, depth, point[0])
-        _set_middle(curves, second, other, other_depth, point[1])
-        half = 0.5 * first_row[CURVE_LENGTH] / (1 << depth)
-        other_half = 0.5 * second_row[CURVE_LENGTH] / (1 << other_depth)
-        turn, other_turn = first_row[CURVATURE] * half, second_row[CURVATURE] * other_half
-        across, other_across = 0.5 * turn * half, 0.5 * other_turn * other_half
-        if _are_apart(point[0], point[1], (half, across), (other_half, other_across)):
-            continue
-        sine = point[0, _COS] * point[1, _SIN] - point[0, _SIN] * point[1, _COS]
-        if abs(sine) > turn + other_turn:  # they cross once at most
-            if _are_at_hinge(arc, depth, other, other_depth, shared):
+    row, other_row = curves.rows[first], curves.rows[second]
+    middles, other_middles = curves.middles[first], curves.middles[second]
+    depth = _FIRST_DEPTH if row[CURVATURE] > 0.0 else 0
+    other_depth = _FIRST_DEPTH if other_row[CURVATURE] > 0.0 else 0
+    size, other_size = _size(row, depth), _size(other_row, other_depth)
+    count = 0
+    for arc in range(1 << depth):
+        for other in range(1 << other_depth):
+            if _are_apart(middles[arc], other_middles[other], size, other_size):
                 continue
-            if _meet(curves, first, second, (arc, depth), (other, other_depth), found[count]):
-                if not (_is_hinge(found[count], shared) or _is_among(found, count)):
-                    count += 1
-                continue
-        is_first_halved = across > other_across
-        if (depth if is_first_halved else other_depth) == _DEEPEST or size + 2 > stack.shape[0]:
-            continue
-        for half_of in range(2):
-            stack[size, 0] = 2 * arc + half_of if is_first_halved else arc
-            stack[size, 1] = other if is_first_halved else 2 * other + half_of
-            size += 1
+            pair = (1 << depth) + arc, (1 << other_depth) + other
+            may_meet_once = abs(_sine(middles[arc], other_middles[other])) > size[2] + other_size[2]
+            if not (may_meet_once and _are_at_hinge(pair[0], depth, pair[1], other_depth, shared)):
+                count = _find_below(curves, first, second, pair, shared, found, count)
     return count
 
 
 @kernel
-def _start(first_row: Array, second_row: Array, stack: Integers) -> int:
-    """Put the pairs of arcs that are looked at first on the stack; return their number."""
-    depth = _FIRST_DEPTH if first_row[CURVATURE] > 0.0 else 0
-    other_depth = _FIRST_DEPTH if second_row[CURVATURE] > 0.0 else 0
-    size = 0
-    for arc in range(1 << depth, 2 << depth):
-        for other in range(1 << other_depth, 2 << other_depth):
-            stack[size, 0], stack[size, 1] = arc, other
-            size += 1
-    return size
+def _find_below(
+    curves: Curves, first: int, second: int, pair: tuple[int, int], shared: int, found: Array, count: int
+) -> int:
+    """Add crossings of a pair of arcs to the first `count` that are found; return how many there are then."""
+    row, other_row, stack, point = curves.rows[first], curves.rows[second], curves.stack, curves.point
+    stack[0, 0], stack[0, 1] = pair
+    height = 1
+    for _ in range(_MOST_PAIRS):
+        if height == 0 or count == found.shape[0]:
+            break
+        height -= 1
+        arc, other = stack[height, 0], stack[height, 1]
+        depth, other_depth = _depth(arc), _depth(other)
+        set_point(row, _part(arc, depth), point[0])
+        set_point(other_row, _part(other, other_depth), point[1])
+        size, other_size = _size(row, depth), _size(other_row, other_depth)
+        if _are_apart(point[0], point[1], size, other_size):
+            continue
+        if abs(_sine(point[0], point[1])) > size[2] + other_size[2]:  # they cross once at most
+            if _are_at_hinge(arc, depth, other, other_depth, shared):
+                continue
+            if _meet(row, other_row, (arc, depth), (other, other_depth), point, found[count]):
+                if not (_is_hinge(found[count], shared) or _is_among(found, count)):
+                    count += 1
+                continue
+        is_first_halved = size[1] > other_size[1]
+        if (depth if is_first_halved else other_depth) == _DEEPEST or height + 2 > stack.shape[0]:
+            continue
+        for half_of in range(2):
+            stack[height, 0] = 2 * arc + half_of if is_first_halved else arc
+            stack[height, 1] = other if is_first_halved else 2 * other + half_of
+            height += 1
+    return count
 
 
 @formula
@@ -224,15 +250,15 @@ def _is_among(found: Array, count: int) -> bool:
 
 
 @kernel
-def _meet(curves: Curves, first: int, second: int, arc: tuple[int, int], other: tuple[int, int], parts: Array) -> bool:
-    """Fill `parts` with where two arcs (number, depth) cross, from their middles; return whether they surely do."""
-    rows, point = curves.rows, curves.point
-    length, other_length = rows[first, CURVE_LENGTH], rows[second, CURVE_LENGTH]
+def _meet(
+    row: Array, other_row: Array, arc: tuple[int, int], other: tuple[int, int], point: Array, parts: Array
+) -> bool:
+    """Fill `parts` with where two arcs (number, depth) cross, from their middles `point`; return whether they do."""
+    length, other_length = row[CURVE_LENGTH], other_row[CURVE_LENGTH]
     middle, other_middle = _part(arc[0], arc[1]), _part(other[0], other[1])
     part, other_part = middle, other_middle
     for _ in range(_NEWTON_STEPS):
-        sine = point[0, _COS] * point[1, _SIN] - point[0, _SIN] * point[1, _COS]
-        gap_x, gap_y = point[1, _X] - point[0, _X], point[1, _Y] - point[0, _Y]
+        sine, gap_x, gap_y = _sine(point[0], point[1]), point[1, _X] - point[0, _X], point[1, _Y] - point[0, _Y]
         step = (gap_x * point[1, _SIN] - gap_y * point[1, _COS]) / (sine * length)
         other_step = (gap_x * point[0, _SIN] - gap_y * point[0, _COS]) / (sine * other_length)
         # not beyond the ends: parts are measured from the tip, against the arc
@@ -241,8 +267,8 @@ def _meet(curves: Curves, first: int, second: int, arc: tuple[int, int], other: 
         part, other_part = new, new_other
         if not moved > _ROUNDING:
             break
-        set_point(rows[first], part, point[0])
-        set_point(rows[second], other_part, point[1])
+        set_point(row, part, point[0])
+        set_point(other_row, other_part, point[1])
     gap = math.hypot(point[1, _X] - point[0, _X], point[1, _Y] - point[0, _Y])
     parts[0], parts[1] = part, other_part
     return bool(

@@ -34,6 +34,7 @@ from pcm_gym.kernels.structure.arcs import (
     Curves,
     find_arc_crossings,
     make_curves,
+    set_middles,
     set_point,
 )
 from pcm_gym.kernels.structure.loops import crosses_itself, find_loops
@@ -59,7 +60,6 @@ def part_count(leg_count: int, size: int) -> int:
 def set_curves(legs: Array, x: Array, work: Workspace, curves: Curves) -> None:
     """Fill the curves of all parts from the rod table of the state `x`."""
     rows, leg_count, pose = curves.rows, legs.shape[0], 2 * legs.shape[0]
-    curves.is_known[:] = 0
     for i in range(leg_count):
         row, rod_row, g = rows[i], work.rods[i], pair(x, 2 * i)
         tip, force, clamp = pair(rod_row, TIP_X), pair(rod_row, FORCE_X), pair(work.clamps[i], CLAMP_X)
@@ -75,6 +75,8 @@ def set_curves(legs: Array, x: Array, work: Workspace, curves: Curves) -> None:
         row[:] = 0.0
         row[END_X], row[END_Y], row[CURVE_LENGTH] = x[pose] + next_arm[0], x[pose + 1] + next_arm[1], length
         row[END_COS], row[END_SIN] = away_x / max(length, _LEAST), away_y / max(length, _LEAST)
+    for i in range(rows.shape[0]):
+        set_middles(curves, i)
 
 
 @formula

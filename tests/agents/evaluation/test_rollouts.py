@@ -38,16 +38,21 @@ def act_at_random(env: Any, observation: dict[str, np.ndarray], generator: np.ra
 
 
 def act_by_resolved_rate(env: Any, observation: dict[str, np.ndarray], generator: np.random.Generator) -> np.ndarray:
-    error = env.unwrapped.goal - env.unwrapped.equilibrium.pose
-    error[2:] = (error[2:] + np.pi) % (2.0 * np.pi) - np.pi
-    left, values, right = np.linalg.svd(env.unwrapped.equilibrium.forward_jacobian, full_matrices=False)
+    own = env.unwrapped
+    here, there = observation["achieved_goal"], observation["desired_goal"]
+    error = (there - here)[:2]
+    if len(here) == 4:
+        turn = np.arctan2(there[3], there[2]) - np.arctan2(here[3], here[2])
+        error = np.append(error, (turn + np.pi) % (2.0 * np.pi) - np.pi)
+    jacobian = own.equilibrium.forward_jacobian / own.mechanism.units.jacobian
+    left, values, right = np.linalg.svd(jacobian, full_matrices=False)
     inverted = values / (values**2 + (0.05 * values[0]) ** 2)
-    action = right.T @ (inverted * (left.T @ error)) / env.unwrapped.max_action
+    action = right.T @ (inverted * (left.T @ error)) / own.mechanism.units.kernel_from_inputs(own.max_action)
     return action / max(1.0, np.abs(action).max())
 
 
 def plain_episode(environment: EnvironmentConfig, act: Act, episode: int, seed: int) -> EpisodeResult:
-    env: Any = gymnasium.make(environment.id, **environment.kwargs)
+    env: Any = gymnasium.make(environment.id, **environment.kwargs, split="test")
     generator, infos, rewards, is_over = np.random.default_rng([seed, 1]), [], [], False
     observation, _ = env.reset(seed=seed)
     while not is_over:
