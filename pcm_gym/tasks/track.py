@@ -242,9 +242,9 @@ def _starts(scene: Scene, library: Paths, tier: _Tier, chosen: Integers, first: 
     points = _points(library.curve[chosen], phases)[:, 0]
     poses = library.pose[chosen] + (library.size[chosen] * part)[:, None] * points
     mechanism, most = scene.mechanism, np.full(scene.mechanism.leg_count, math.inf)
-    load = mechanism.units.kernel_from_load(np.array(scene.load))
+    arrived = np.empty(len(poses), dtype=np.bool_)
     known = States(*(array.copy() for array in states)) if scene.limits else states
-    arrived = step_to_poses(mechanism.leg_table, load, poses, most, scene.reserve, states.x, states.inputs)
+    step_to_poses(mechanism.leg_table, poses, most, scene.reserve, states, arrived)
     if scene.limits:
         arrived &= scene.structure.are_kept(states.x, states.inputs)
         for array, values in zip(states, known, strict=True):

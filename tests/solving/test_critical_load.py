@@ -13,7 +13,7 @@ RAYS = 128
 
 def stable_states(name: str, count: int, seed: int) -> list[Equilibrium]:
     """Return stable equilibria at random inputs: of two legs any, of a platform those that home leads to."""
-    mechanism, rng = get_mechanism(f"{name}-paper"), np.random.default_rng(seed)
+    mechanism, rng = get_mechanism(name), np.random.default_rng(seed)
     found: list[Equilibrium] = []
     while len(found) < count:
         inputs = rng.uniform(0.8 * mechanism.lower_limits, 0.8 * mechanism.upper_limits)

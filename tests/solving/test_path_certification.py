@@ -241,7 +241,7 @@ class TestInterface:
         with pytest.raises(ValueError, match="equilibria must be at least two, got 1"):
             certify_path(start.mechanism, [start])
         with pytest.raises(
-            ValueError, match="equilibria must belong to the mechanism '2RFR', got one of '2PFR' in place 1"
+            ValueError, match="equilibria must belong to the mechanism '2RFR-paper', got one of '2PFR-paper' in place 1"
         ):
             certify_path(start.mechanism, [start, other])
         with pytest.raises(TypeError, match="equilibria must be a sequence of Equilibrium, got 3 in it"):

@@ -131,7 +131,7 @@ def test_bad_arguments_are_named() -> None:
     loaded = pcm_gym.home_equilibrium(mechanism, load=(0.0, 0.01))
     cases: list[tuple[str, Any]] = [
         ("at least one", []),
-        ("'2RFR'", [pcm_gym.home_equilibrium(other)]),
+        ("'2RFR-paper'", [pcm_gym.home_equilibrium(other)]),
         ("stable", [unstable]),
         ("one load", [home, loaded]),
     ]

@@ -14,7 +14,10 @@ def test_search_says_that_its_budget_is_spent(solve) -> None:
     mechanism = pcm_gym.get_mechanism("2RFR-paper")
     home = pcm_gym.home_equilibrium(mechanism)
     where = home.inputs if solve is pcm_gym.solve_forward else home.pose
-    with pcm_gym.search_budget(1000), pytest.raises(pcm_gym.SearchBudgetError, match=r"'2RFR'.* its budget is 1e\+03"):
+    with (
+        pcm_gym.search_budget(1000),
+        pytest.raises(pcm_gym.SearchBudgetError, match=r"'2RFR-paper'.* its budget is 1e\+03"),
+    ):
         solve(mechanism, where)
     assert len(solve(mechanism, where)) > 1
 

@@ -8,7 +8,7 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_inverse_locally
-from pcm_gym.kernels.statics.states import Point, are_same
+from pcm_gym.kernels.statics.states import Point, States, are_same
 
 _RULES = NewtonRules(first_correction=0.3, contraction=0.5, iterations=10)
 
@@ -46,17 +46,22 @@ def follow_path(
 
 @kernel
 def step_to_poses(
-    legs: Array, load: Array, poses: Array, largest_step: Array, least_margin: float, x: Array, inputs: Array
-) -> Mask:
-    """Bring stable states `x` (n, size) at `inputs` (n, legs) to poses (n, d), one step each; return which arrive.
+    legs: Array, poses: Array, largest_step: Array, least_margin: float, states: States, has_arrived: Mask
+) -> None:
+    """Bring stable states (n, ...) to poses (n, d), one step each, and fill `has_arrived` (n,).
 
     As `follow_path` does; those that do not arrive are left as they were.
     """
-    count, size = x.shape
-    has_arrived = np.zeros(count, np.bool_)
-    path, path_x, path_inputs = np.empty((2, poses.shape[1])), np.empty((2, size)), np.empty((2, inputs.shape[1]))
-    for n in range(count):
-        path[0], path[1], path_x[0], path_inputs[0] = x[n, size - poses.shape[1] :], poses[n], x[n], inputs[n]
-        if follow_path(legs, load, path, largest_step, least_margin, path_x, path_inputs) == 2:
-            x[n], inputs[n], has_arrived[n] = path_x[1], path_inputs[1], True
-    return has_arrived
+    size, leg_count = states.x.shape[1], legs.shape[0]
+    path, path_x, path_inputs = np.empty((2, poses.shape[1])), np.empty((2, size)), np.empty((2, leg_count))
+    for n in range(poses.shape[0]):
+        path[0], path[1], path_x[0], path_inputs[0] = (
+            states.x[n, 2 * leg_count :],
+            poses[n],
+            states.x[n],
+            states.inputs[n],
+        )
+        reached = follow_path(legs, states.load[n], path, largest_step, least_margin, path_x, path_inputs)
+        has_arrived[n] = reached == 2
+        if reached == 2:
+            states.x[n], states.inputs[n] = path_x[1], path_inputs[1]
