@@ -1,4 +1,5 @@
-"""Who acts: the controllers of `pcm_gym.references`, and what has learnt, under one table of names.
+"""Who acts: a controller chooses the actions of many episodes that run side by side.
 
-To be read in this order: `trained`, `table`.
+To be read in this order: `view` is what a controller sees, `controller` what it must do, `table` which there are and
+what they are called. One file each: `random`, `resolved_rate`, `trained`.
 """

@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-if TYPE_CHECKING:
-    from pcm_gym.mechanism import Mechanism
-    from pcm_gym.tasks import Task
-
-# Of single environments, by which they are known to be of this package.
-ENTRY_POINT = "pcm_gym.environments.single:MechanismEnv"
+from pcm_gym.environments.arguments import task_arguments
+from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names, register_mechanism
+from pcm_gym.mechanism.catalogue import free_name
+from pcm_gym.mechanism.validation import one_of, text, whole_number
+from pcm_gym.tasks import Task, free_task_name, register_task, task_type
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,12 @@ class Registered:
             If the id is that of something else.
         """
         entry: dict[str, Any] = {
-            "entry_point": ENTRY_POINT,
+            "entry_point": "pcm_gym.environments.single:MechanismEnv",
             "vector_entry_point": "pcm_gym.environments.batch:MechanismVectorEnv",
             "max_episode_steps": self.time_limit,
             "kwargs": {"mechanism": self.mechanism, "task": self.task, **self.arguments},
         }
-        known = gymnasium.registry.get(self.id)
+        known = gymnasium.registry.get(text("environment_id", self.id))
         if known is None:
             try:
                 gymnasium.register(self.id, **entry)
@@ -52,6 +51,9 @@ class Registered:
             raise ValueError(f"environment_id must be a new one, got {self.id!r}: it is registered as something else")
 
 
+# No cusp of the 2PFR is within its limits: nothing leads around one.
+_FALLS = {"difficulty": "fall", "on_instability": "snap"}
+
 ENVIRONMENTS = (
     Registered("PCM/2RFR-Reach-v0", "2RFR", "Reach", 100),
     Registered("PCM/2PFR-Reach-v0", "2PFR", "Reach", 100),
@@ -60,7 +62,7 @@ ENVIRONMENTS = (
     Registered("PCM/2PFR-Track-v0", "2PFR", "Track", 200),
     Registered("PCM/3PFR-Track-v0", "3PFR", "Track", 200),
     Registered("PCM/2RFR-Switch-v0", "2RFR", "Switch", 150),
-    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150),
+    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150, _FALLS),
     Registered("PCM/3PFR-Switch-v0", "3PFR", "Switch", 150),
 )
 
@@ -79,8 +81,8 @@ def register_environments() -> None:
 def register_environment(
     environment_id: str,
     *,
-    mechanism: "Mechanism | str",
-    task: "type[Task] | str" = "Reach",
+    mechanism: Mechanism | str,
+    task: type[Task] | str = "Reach",
     time_limit: int | None = None,
     **arguments: Any,
 ) -> None:
@@ -107,14 +109,6 @@ def register_environment(
     ValueError
         If the id, or the name of the mechanism or of the task, is that of another one; if there is none of that name.
     """
-    # imported here, with all of the mechanics, which registering by name does without
-    from pcm_gym.environments.arguments import task_arguments
-    from pcm_gym.mechanism import get_mechanism, mechanism_names, register_mechanism
-    from pcm_gym.mechanism.catalogue import free_name
-    from pcm_gym.mechanism.validation import one_of, text, whole_number
-    from pcm_gym.tasks import free_task_name, register_task, task_type
-
-    text("environment_id", environment_id)
     task_arguments(task_type(task), arguments)
     arguments = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in arguments.items()}
     if time_limit is not None:

@@ -1,1 +1,0 @@
-"""The page of the catalogued mechanisms: what they are, and the evidence that they could be built."""
