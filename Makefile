@@ -13,11 +13,11 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,render,window,docs,test
+TEST_EXTRAS  := agents,contrib,render,window,docs,test
 BENCH_EXTRAS := agents,render,bench
 DOCS_EXTRAS  := docs
 PEERS_EXTRAS := peers
-ALL_EXTRAS   := agents,render,window,test,bench,docs,peers
+ALL_EXTRAS   := agents,contrib,render,window,test,bench,docs,peers
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run

@@ -19,17 +19,20 @@ from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.certificates import print_tallies, try_paths
 from benchmarks.endurance import endure, read_cases, write_cases
+from benchmarks.geometries import FAMILIES, search
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
 from benchmarks.margins import judge_margins
 from benchmarks.peers import catalogue, table
 from benchmarks.problems import MECHANISMS, make_problems
+from benchmarks.references import PLANNER, as_json, judge, markdown, tiers
 from benchmarks.shield import DIFFICULTIES, KINDS, defend
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup
 from benchmarks.timing import Measure, Summary, interleave
 from benchmarks.ways import judged
 from pcm_gym.environments.settings import BEHAVIOURS
+from pcm_gym.references import REFERENCES
 
 Results = dict[str, dict[str, Summary]]
 
@@ -182,7 +185,7 @@ def endurance(
             print_json(data={**asdict(case), "now": case.repeat()})
         return
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     ids = [name for name in pcm_gym.environment_ids() if name in {f"PCM/{own}-Reach-v0" for own in names}]
     chosen = list(itertools.product(ids, behaviours or BEHAVIOURS))
     tallies = []
@@ -255,7 +258,7 @@ def shield(
     The exit status is 1 if a shield loses stability, or does not keep its margin.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     chosen = list(itertools.product(names, difficulties or ["all"], behaviours or BEHAVIOURS, kinds or KINDS))
     found = []
     with Progress(console=console, transient=True) as progress:
@@ -300,6 +303,26 @@ def certificates(
 
 
 @app.command()
+def training(
+    environment_id: Annotated[str, typer.Argument(help="Environment that is learnt.")] = "PCM/2RFR-Reach-v0",
+    num_envs: Annotated[int, typer.Option(min=1, help="Environments side by side.")] = 1024,
+    activation: Annotated[str, typer.Option(help="Activation function of the networks.")] = "relu",
+    rollouts: Annotated[int, typer.Option(min=1, help="Rollouts of 16 steps in one measurement.")] = 4,
+    repeats: Annotated[int, typer.Option(min=1, help="Measurements of each, in turn.")] = 5,
+    json_path: JsonPath = None,
+) -> None:
+    """Measure steps of a batch, with inference, and with learning, beside Stable-Baselines3's own loop."""
+    from benchmarks.training import make_loops, print_training  # it loads torch, which the others do without
+
+    console, machine = _start()
+    with Progress(console=console, transient=True) as progress:
+        loops = make_loops(environment_id, num_envs, activation, rollouts)
+        found = _run(progress, "training", loops, repeats)
+    print_training(console, found)
+    _write(console, json_path, {"machine": machine}, {"training": found})
+
+
+@app.command()
 def margins(
     states: Annotated[int, typer.Option(min=2, help="States of each mechanism.")] = 10_000,
     mechanisms: Annotated[list[str] | None, typer.Option("--mechanism", help="Only these; all by default.")] = None,
@@ -312,7 +335,7 @@ def margins(
     20 % of those outside are not.
     """
     console, machine = _start()
-    names = mechanisms or pcm_gym.mechanism_names()
+    names = mechanisms or list(MECHANISMS)
     found = []
     with Progress(console=console, transient=True) as progress:
         for name in names:
@@ -346,6 +369,54 @@ def ways(
     report.print_ways(console, tally)
     if tally.jumps:
         raise typer.Exit(1)
+
+
+@app.command()
+def references(
+    ids: Annotated[list[str] | None, typer.Option("--id", help="Only these environments; all by default.")] = None,
+    names: Annotated[list[str] | None, typer.Option("--reference", help="Only these; all by default.")] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of each tier, for each reference.")] = 1000,
+    split: Annotated[str, typer.Option(help="Which episodes: train or test.")] = "test",
+    path: Annotated[Path, typer.Option("--page", help="Where to write the table.")] = Path("docs/references.md"),
+    json_path: JsonPath = None,
+) -> None:
+    """Let the references act in every tier of every environment: an hour for all, 1,000 episodes each."""
+    for given, known in ((ids, pcm_gym.environment_ids()), (names, tuple(REFERENCES))):
+        for name in given or ():
+            if name not in known:
+                raise typer.BadParameter(f"must be one of {list(known)}, got {name!r}")
+    console, machine = _start()
+    chosen, found = names or list(REFERENCES), tiers(ids or pcm_gym.environment_ids(), split)
+    scores, refusals = [], []
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("tiers", total=len(found))
+        for tier in found:
+            own = progress.add_task(f"{tier.id} {tier.name}", total=episodes * len({PLANNER, *chosen}))
+            of_tier, refusal = judge(tier, chosen, episodes, partial(progress.advance, own))
+            scores += of_tier
+            refusals += [refusal] if refusal else []
+            progress.remove_task(own)
+            progress.advance(task)
+    path.write_text(markdown(scores, refusals, f"{episodes} episodes of the split {split!r} each."))
+    console.print(f"Table written to {path}")
+    if json_path is not None:
+        json_path.write_text(json.dumps({"machine": machine, **as_json(scores, refusals)}, indent=2) + "\n")
+        console.print(f"Figures written to {json_path}")
+
+
+@app.command()
+def geometries(
+    path: Annotated[Path, typer.Argument(help="Where to write what is found, line by line; it may hold some already.")],
+    families: Annotated[
+        list[str] | None, typer.Option("--family", help=f"Of {list(FAMILIES)}; all by default.")
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, help="Points of each family's sequence.")] = 256,
+) -> None:
+    """Search for geometries that could be built and are worth controlling; some seconds for each point."""
+    with Progress(transient=True) as progress:
+        for name in families or FAMILIES:
+            task = progress.add_task(name, total=count)
+            search(name, count, path, partial(progress.advance, task))
 
 
 def _start() -> tuple[Console, dict[str, str]]:

@@ -1,10 +1,12 @@
-"""The command ``pcm-gym``: training and evaluation under one name."""
+"""Training, evaluation and export under one name."""
 
 import typer
 
 from agents.commands.evaluate import evaluate
+from agents.commands.export import export
 from agents.commands.train import train
 
 app = typer.Typer(no_args_is_help=True, help="Learn to move planar parallel continuum mechanisms.")
 app.command()(train)
 app.command()(evaluate)
+app.command()(export)

@@ -1,25 +1,39 @@
 """The command that trains."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from agents.commands.errors import errors_in_words
-from agents.experiments.config import ExperimentConfig, load_config, parse_config
+from agents.commands.errors import errors_from, errors_in_words, warn_of_foreign
+from agents.experiments.config import ExperimentConfig, load_config, parse_config, parse_yaml
+from agents.experiments.learners import experiment_of, is_environment_id
 from agents.experiments.runs import RunFolder
+from agents.learners.files import PICKLES
+from agents.learners.settings import ConfigError
 
 INTERRUPTED = 130
+DEFAULT_LEARNER = "ppo"
 
 console = Console()
 
 
 def train(
-    config: Annotated[Path, typer.Argument(help="YAML file that describes the experiment.")],
+    experiment: Annotated[
+        str,
+        typer.Argument(metavar="CONFIG_OR_ID", help="YAML file that describes the experiment, or an environment's id."),
+    ],
+    learner: Annotated[
+        str | None, typer.Option(help=f"For an id: one of configs/learners, {DEFAULT_LEARNER} by default.")
+    ] = None,
+    arguments: Annotated[
+        list[str] | None,
+        typer.Option("--with", metavar="NAME=VALUE", help="For an id: an argument that the environment is made with."),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run from its newest checkpoint.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Delete an earlier run of the same name.")] = False,
     runs_dir: Annotated[Path, typer.Option(help="Folder that holds the runs.")] = Path("runs"),
@@ -31,8 +45,26 @@ def train(
     if resume and force:
         raise typer.BadParameter("--resume and --force exclude each other")
     with errors_in_words(console):
-        experiment = _overridden(load_config(config), name=name, total_steps=total_steps, seed=seed)
-        _run(experiment, RunFolder(runs_dir / experiment.name), resume=resume, force=force)
+        config = _overridden(
+            _described(experiment, learner, arguments or []), name=name, total_steps=total_steps, seed=seed
+        )
+        with errors_from(experiment):
+            _run(config, RunFolder(runs_dir / config.name), resume=resume, force=force)
+
+
+def _described(experiment: str, learner: str | None, arguments: Sequence[str]) -> ExperimentConfig:
+    if is_environment_id(experiment) and not Path(experiment).exists():
+        return experiment_of(experiment, dict(map(_argument, arguments)), learner or DEFAULT_LEARNER)
+    if learner is not None or arguments:
+        raise ConfigError(f"{experiment}: --learner and --with belong to an environment's id; a file says them itself")
+    return load_config(Path(experiment))
+
+
+def _argument(text: str) -> tuple[str, Any]:
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise ConfigError(f"--with {text}: an argument of the environment is written NAME=VALUE")
+    return name, parse_yaml(value, source=f"--with {text}")
 
 
 def _overridden(config: ExperimentConfig, **changes: str | int | None) -> ExperimentConfig:
@@ -47,6 +79,8 @@ def _run(config: ExperimentConfig, run: RunFolder, *, resume: bool, force: bool)
         f"[bold]{config.name}[/bold]: {config.algorithm} on {config.environment.id}, "
         f"{config.num_envs} environments, {config.total_steps:,} steps, seed {config.seed}"
     )
+    if resume:
+        warn_of_foreign(console, (snapshot / name for snapshot in run.snapshots()[-1:] for name in PICKLES))
     try:
         with _termination_as_interruption():
             steps = training.train(config, run, resume=resume, replace=force)

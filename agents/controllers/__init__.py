@@ -1,5 +1,4 @@
-"""Who acts: a controller chooses the actions of many episodes that run side by side.
+"""Who acts: the controllers of `pcm_gym.references`, and what has learnt, under one table of names.
 
-To be read in this order: `view` is what a controller sees, `controller` what it must do, `table` which there are and
-what they are called. One file each: `random`, `resolved_rate`, `trained`.
+To be read in this order: `trained`, `table`.
 """

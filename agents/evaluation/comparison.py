@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.progress import track
 
-from agents.controllers.controller import Controller
 from agents.evaluation.episodes import EpisodeResult
 from agents.evaluation.rollouts import run_episodes
 from agents.evaluation.summaries import PolicySummary, summarise
 from agents.experiments.config import ExperimentConfig
-from agents.learners.policy import LearntPolicy
+from agents.learners.exported import ActingPolicy
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.references import Controller
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Evaluation:
 
 def evaluate(
     config: ExperimentConfig,
-    policy: LearntPolicy,
+    policy: ActingPolicy,
     controllers: Mapping[str, Controller],
     env: MechanismVectorEnv,
     console: Console,

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from agents.controllers.controller import Controller
-from agents.controllers.view import View
 from agents.evaluation.episodes import EpisodeResult, StepLog
 from agents.learners.batches import make_batch
 from agents.learners.settings import EnvironmentConfig
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.references import Controller, View
 
 # Called with a row, its episode's seed and the infos of the batch: after a reset, with none, and after each step.
 Watch = Callable[[int, int, Mapping[str, Any]], None]
@@ -21,8 +20,9 @@ _CONTROLLER_STREAM = 1
 
 
 def make_evaluation_batch(environment: EnvironmentConfig, count: int) -> MechanismVectorEnv:
-    """Batch for `run_episodes`, whose rows begin no episode by themselves."""
-    return make_batch(environment, count, AutoresetMode.DISABLED)
+    """Batch for `run_episodes`, of the test's episodes, whose rows begin none by themselves."""
+    held_out = environment.model_copy(update={"kwargs": environment.kwargs | {"split": "test"}})
+    return make_batch(held_out, count, AutoresetMode.DISABLED)
 
 
 def run_episodes(
@@ -87,7 +87,7 @@ class _Rows:
 
     def step(self, controller: Controller) -> Mask:
         """Take one step everywhere; return where it was an episode's last."""
-        view = View(self._env, self._observation, self._log.lengths.copy(), self.under_way.copy(), self._generators)
+        view = View.of(self._env, self._observation, self._generators, self.under_way.copy())
         actions = controller.act(view).astype(self._env.single_action_space.dtype)
         self._observation, rewards, terminated, truncated, infos = self._env.step(actions)
         self._log.add(rewards, infos)

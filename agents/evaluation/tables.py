@@ -13,6 +13,7 @@ from agents.evaluation.comparison import Evaluation
 from agents.evaluation.episodes import EpisodeResult
 from agents.evaluation.estimates import Interval
 from agents.evaluation.summaries import PolicySummary
+from agents.experiments.runs import EVALUATION
 
 MM_PER_M = 1e3
 
@@ -21,7 +22,7 @@ def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
     """Write ``evaluation.json`` (the summaries) and ``episodes.csv`` (every episode) into the folder."""
     content = {entry.name: getattr(evaluation, entry.name) for entry in fields(evaluation) if entry.name != "results"}
     content["summaries"] = [asdict(summary) for summary in evaluation.summaries]
-    (folder / "evaluation.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    (folder / EVALUATION).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     _write_table(evaluation.results, folder / "episodes.csv")
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from agents.controllers.table import CONTROLLERS
+from agents.controllers.table import remarks
 from agents.learners.algorithms import ALGORITHMS
 from agents.learners.settings import (
     AlgorithmName,
@@ -15,6 +15,8 @@ from agents.learners.settings import (
     Count,
     EnvironmentConfig,
     HindsightConfig,
+    ImitationConfig,
+    LagrangianConfig,
     NormalisationConfig,
     Section,
     name_in,
@@ -25,7 +27,7 @@ MANAGED_HYPERPARAMETERS = frozenset(
 )
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
-ControllerName = Annotated[str, name_in(CONTROLLERS)]
+ControllerName = Annotated[str, name_in(remarks)]
 
 
 class EvaluationConfig(Section):
@@ -53,7 +55,9 @@ class ExperimentConfig(Section):
     `hyperparameters` go to the Stable-Baselines3 algorithm. Two spellings are added to its own: an activation
     function by name (``policy_kwargs: {activation_fn: tanh}``) and a schedule that falls linearly over the training
     (``learning_rate: {start: 3e-4, end: 1e-5}``). `cost_weight` is the reward that a cost of one takes away while
-    learning; no evaluation knows of it.
+    learning, and `lagrangian` lets a controller choose it; `shield` lets the learner act through a
+    `VectorSolverShield`. No evaluation knows of them. With `imitation` a reference is cloned first, in steps that are
+    among the `total_steps`.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -62,6 +66,9 @@ class ExperimentConfig(Section):
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
     hindsight: HindsightConfig | None = None
     cost_weight: Annotated[float, Field(ge=0)] = 0.0
+    lagrangian: LagrangianConfig | None = None
+    imitation: ImitationConfig | None = None
+    shield: bool = False
     num_envs: Count = 64
     total_steps: Count
     seed: Seed = 0
@@ -76,6 +83,16 @@ class ExperimentConfig(Section):
             raise ValueError(f"hindsight needs a replay buffer, which {self.algorithm} does not have")
         if self.hindsight is not None and self.cost_weight > 0.0:
             raise ValueError("hindsight computes rewards anew, from the goals alone: cost_weight must be 0")
+        return self
+
+    @model_validator(mode="after")
+    def _check_on_policy(self) -> Self:
+        if self.lagrangian is not None and ALGORITHMS[self.algorithm].is_off_policy:
+            raise ValueError(f"lagrangian: rewards in the replay buffer of {self.algorithm} keep their earlier weight")
+        if self.imitation is not None and ALGORITHMS[self.algorithm].is_off_policy:
+            raise ValueError(f"imitation: {self.algorithm} has no policy that can be cloned into; PPO and A2C have")
+        if self.lagrangian is not None and self.cost_weight > 0.0:
+            raise ValueError("lagrangian chooses the weight of the cost: cost_weight must be 0")
         return self
 
     @model_validator(mode="after")
@@ -111,19 +128,39 @@ def load_config(path: Path) -> ExperimentConfig:
     ConfigError
         If the file is missing, is not YAML or does not describe an experiment; every offending entry is listed.
     """
+    return parse_config(read_yaml(path), source=str(path))
+
+
+def read_yaml(path: Path) -> Any:
+    """Plain data of a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing or is not YAML.
+    """
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-        return parse_config(content, source=str(path))
+        return parse_yaml(path.read_text(encoding="utf-8"), source=str(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not text in UTF-8: {error}") from error
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Plain data of YAML text; `source` names it in errors.
+
+    Raises
+    ------
+    ConfigError
+        If it is not YAML.
+    """
+    try:
+        return yaml.load(text, Loader=_Loader)
     except RecursionError as error:
-        raise ConfigError(f"{path}: nested too deeply") from error
-    except ConfigError:
-        raise
+        raise ConfigError(f"{source}: nested too deeply") from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # dates and numbers that there are not, for some
-        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+        raise ConfigError(f"{source}: not valid YAML: {error}") from error
 
 
 def parse_config(content: object, source: str = "configuration") -> ExperimentConfig:
@@ -146,8 +183,10 @@ def save_config(config: ExperimentConfig, path: Path) -> None:
 
 
 def _describe(error: ValidationError, source: str) -> str:
-    lines = [f"{source}: {error.error_count()} problem(s)"]
+    problems = []
     for problem in error.errors(include_url=False):
         entry = ".".join(str(part) for part in problem["loc"]) or "the whole"
-        lines.append(f"  {entry}: {problem['msg'].removeprefix('Value error, ')}")
-    return "\n".join(lines)
+        problems.append(f"{entry}: {problem['msg'].removeprefix('Value error, ')}")
+    if len(problems) == 1:
+        return f"{source}: {problems[0]}"
+    return "\n  ".join([f"{source}: {len(problems)} problems", *problems])

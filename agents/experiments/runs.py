@@ -6,10 +6,12 @@
                 versions.json         packages it was trained with
                 model.zip             the newest snapshot of the learner ...
                 normalisation.pkl     ... and the statistics its observations are normalised with
+                written_here.json         tells these files from those of others
                 progress.csv          the learning curve
                 tensorboard/
                 checkpoints/<steps>/  every snapshot; the newest also holds the replay buffer, if there is one
                 evaluation.json, episodes.csv, report.html
+                policy.npz                the policy alone, as `agents.export` writes it
 """
 
 import json
@@ -21,10 +23,13 @@ from importlib import metadata
 from pathlib import Path
 
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
+from agents.learners.provenance import MARKS
 from agents.learners.settings import UsageError
 
 CONFIG = "config.yaml"
 PROGRESS = "progress.csv"
+EVALUATION = "evaluation.json"
+POLICY = "policy.npz"
 
 _RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "numpy", "numba", "scipy")
 _LEVELS_ABOVE_A_MODEL = 3
@@ -109,7 +114,7 @@ class RunFolder:
         return folder
 
     def _publish(self, newest: Path) -> None:
-        for name in (MODEL, NORMALISATION):
+        for name in (MODEL, NORMALISATION, MARKS):
             if (newest / name).exists():
                 shutil.copy2(newest / name, self.path / name)
         for snapshot in self.snapshots():
@@ -131,6 +136,11 @@ class TrainedFiles:
     model: Path
     normalisation: Path | None
     config: Path
+
+    @property
+    def pickles(self) -> list[Path]:
+        """Those of the files that are pickles."""
+        return [self.model] if self.normalisation is None else [self.model, self.normalisation]
 
 
 def find_trained(path: Path) -> TrainedFiles:

@@ -8,7 +8,7 @@ from stable_baselines3.common.logger import CSVOutputFormat, KVWriter, Logger, T
 from agents.experiments.config import ExperimentConfig, load_config, save_config
 from agents.experiments.runs import RunError, RunFolder
 from agents.learners.callbacks import EpisodeStatistics, ProgressDisplay, Snapshots
-from agents.learners.learner import load_learner, new_learner, save_learner
+from agents.learners.learner import learning_callbacks, load_learner, new_learner, save_learner
 from agents.learners.progress import COST_COLUMN, STEPS_COLUMN, read_progress
 
 RESUMABLE_CHANGES = frozenset({"total_steps", "checkpoint_every", "torch_threads", "evaluation"})
@@ -78,7 +78,8 @@ def _learn(learner: BaseAlgorithm, config: ExperimentConfig, run: RunFolder) -> 
     learner.set_logger(_logger(run, history))
     display = ProgressDisplay()
     cost = max((row.get(COST_COLUMN, 0.0) for row in history), default=0.0)
-    callbacks = CallbackList([EpisodeStatistics(cost), Snapshots(config.checkpoint_every, save), display])
+    watching = [EpisodeStatistics(cost), Snapshots(config.checkpoint_every, save), display]
+    callbacks = CallbackList([*learning_callbacks(config), *watching])
     remaining = config.total_steps - learner.num_timesteps
     try:
         learner.learn(remaining, callback=callbacks, reset_num_timesteps=learner.num_timesteps == 0)

@@ -2,13 +2,13 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents.learners.infos import columns_of
 from agents.learners.progress import COST_COLUMN, EPISODE_COST_COLUMN, SAFE_SUCCESS_COLUMN, VIOLATION_COLUMN
 
 
@@ -38,13 +38,12 @@ class EpisodeStatistics(BaseCallback):
         self._was_unstable: NDArray[np.bool_] = np.zeros(self.training_env.num_envs, dtype=np.bool_)
 
     def _on_step(self) -> bool:
-        infos: list[dict[str, Any]] = self.locals["infos"]
-        step_cost = np.array([info["cost"] for info in infos])
-        self._total_cost += float(step_cost.sum())
-        self._running_cost += step_cost
-        self._was_unstable |= np.array([info["cost_unstable"] > 0.0 for info in infos])
-        for index in np.flatnonzero(self.locals["dones"]):
-            self._finish(int(index), is_success=bool(infos[index]["is_success"]))
+        told = columns_of(self.locals["infos"])
+        self._total_cost += float(told["cost"].sum())
+        self._running_cost += told["cost"]
+        self._was_unstable |= told["cost_unstable"] > 0.0
+        for index in np.flatnonzero(self.locals["dones"]).tolist():
+            self._finish(index, is_success=bool(told["is_success"][index]))
         return True
 
     def _finish(self, index: int, *, is_success: bool) -> None:

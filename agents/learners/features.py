@@ -24,11 +24,11 @@ class GoalErrorFeatures(BaseFeaturesExtractor):
         observation_count = spaces.flatdim(observation_space["observation"])
         goal_count = spaces.flatdim(observation_space["desired_goal"])
         super().__init__(observation_space, features_dim=observation_count + 3 * goal_count)
-        self._fine = fine
+        self.fine = fine
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         """Features (n, features_dim) of a batch of observations."""
         desired = observations["desired_goal"]
         error = desired - observations["achieved_goal"]
-        direction = error / (torch.linalg.vector_norm(error, dim=-1, keepdim=True) + self._fine)
+        direction = error / (torch.linalg.vector_norm(error, dim=-1, keepdim=True) + self.fine)
         return torch.cat((observations["observation"], desired, error, direction), dim=-1)

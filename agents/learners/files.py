@@ -3,3 +3,4 @@
 MODEL = "model.zip"
 NORMALISATION = "normalisation.pkl"
 REPLAY_BUFFER = "replay_buffer.pkl"
+PICKLES = (MODEL, NORMALISATION, REPLAY_BUFFER)

@@ -30,9 +30,12 @@ def algorithm_arguments(settings: LearnerSettings, action_count: int) -> dict[st
     Raises
     ------
     ConfigError
-        If a hyperparameter is unknown to the algorithm or its value cannot be read.
+        If the algorithm is not installed, or a hyperparameter unknown to it, or its value cannot be read.
     """
-    known = inspect.signature(ALGORITHMS[settings.algorithm].load_class()).parameters
+    try:
+        known = inspect.signature(ALGORITHMS[settings.algorithm].load_class()).parameters
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"algorithm {settings.algorithm}: {error}") from error
     unknown = sorted(settings.hyperparameters.keys() - known.keys())
     if unknown:
         raise ConfigError(f"hyperparameters unknown to {settings.algorithm}: {', '.join(unknown)}")
@@ -48,7 +51,9 @@ def _schedule_or_value(name: str, value: Any) -> Any:
     if name not in {"learning_rate", "clip_range"} or not isinstance(value, dict):
         return value
     if value.keys() != {"start", "end"}:
-        raise ConfigError(f"{name}: a schedule has the entries start and end, not {', '.join(sorted(value))}")
+        raise ConfigError(
+            f"hyperparameters.{name}: a schedule has the entries start and end, not {', '.join(sorted(value))}"
+        )
     return LinearSchedule(value["start"], value["end"], end_fraction=1.0)
 
 
@@ -60,13 +65,13 @@ def _policy_arguments(arguments: dict[str, Any]) -> dict[str, Any]:
 
 def _named(entry: str, name: Any, table: Mapping[str, type]) -> type:
     if name not in table:
-        raise ConfigError(f"policy_kwargs.{entry}: {name!r} is none of {', '.join(table)}")
+        raise ConfigError(f"hyperparameters.policy_kwargs.{entry}: {name!r} is none of {', '.join(table)}")
     return table[name]
 
 
 def _action_noise(value: Any, action_count: int) -> NormalActionNoise:
     if not isinstance(value, dict) or value.keys() != {"sigma"}:
-        raise ConfigError("action_noise: Gaussian noise is written {sigma: 0.1}")
+        raise ConfigError("hyperparameters.action_noise: Gaussian noise is written {sigma: 0.1}")
     return NormalActionNoise(np.zeros(action_count), np.full(action_count, value["sigma"]))
 
 

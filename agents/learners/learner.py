@@ -1,5 +1,6 @@
 """The learner of an experiment: its environments, its algorithm, and snapshots of both."""
 
+import pickle
 import sys
 import warnings
 from collections.abc import Iterator
@@ -10,30 +11,36 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from agents.learners import features
 from agents.learners.algorithms import ALGORITHMS
 from agents.learners.batches import make_batch
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.hyperparameters import algorithm_arguments, hyperparameters_of
+from agents.learners.imitation import Imitation
+from agents.learners.lagrangian import CostController
+from agents.learners.provenance import mark
 from agents.learners.settings import AlgorithmName, ConfigError, LearnerSettings, ModelError
-from agents.learners.vector_adapter import CostPenalty, NativeVecEnv
+from agents.learners.vector_adapter import CostPenalty, EpisodeMonitor, NativeVecEnv
+from pcm_gym.wrappers import VectorSolverShield
 
 # A saved model names the module of its features: models saved while that was agents/features.py load as well.
 sys.modules.setdefault("agents.features", features)
 
 
 def make_training_env(settings: LearnerSettings) -> VecEnv:
-    """Native batch of the experiment's environment, its episodes monitored, its costs taken from the rewards."""
-    batch = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
-    monitored = VecMonitor(NativeVecEnv(batch))
-    return CostPenalty(monitored, settings.cost_weight) if settings.cost_weight > 0.0 else monitored
+    """Native batch of the experiment's environment, shielded or not, its episodes monitored, its costs penalised."""
+    batch: Any = make_batch(settings.environment, settings.num_envs, AutoresetMode.SAME_STEP)
+    monitored = EpisodeMonitor(NativeVecEnv(VectorSolverShield(batch) if settings.shield else batch))
+    is_penalised = settings.cost_weight > 0.0 or settings.lagrangian is not None
+    return CostPenalty(monitored, settings.cost_weight) if is_penalised else monitored
 
 
-def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
-    """Learner that has not seen a step yet.
+def new_learner(settings: LearnerSettings, kind: type[BaseAlgorithm] | None = None) -> BaseAlgorithm:
+    """Learner that has not seen a step yet, of the class in the table or of another one to compare it with.
 
     Raises
     ------
@@ -43,7 +50,7 @@ def new_learner(settings: LearnerSettings) -> BaseAlgorithm:
     env = _normalised(make_training_env(settings), settings)
     arguments = algorithm_arguments(settings, action_count=int(np.prod(env.action_space.shape or (1,))))
     try:
-        return ALGORITHMS[settings.algorithm].load_class()(
+        return (kind or ALGORITHMS[settings.algorithm].load_class())(
             policy="MultiInputPolicy", env=env, seed=settings.seed, device="cpu", **arguments
         )
     except (AssertionError, TypeError, ValueError) as error:
@@ -75,11 +82,36 @@ def load_learner(settings: LearnerSettings, snapshot: Path) -> BaseAlgorithm:
     return learner
 
 
+def learning_callbacks(settings: LearnerSettings) -> list[BaseCallback]:
+    """What takes part in the learning beside the algorithm: imitation first, and who weighs the cost.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such reference to imitate.
+    """
+    callbacks: list[BaseCallback] = []
+    if settings.lagrangian is not None:
+        callbacks.append(CostController(settings.lagrangian))
+    if settings.imitation is not None:
+        callbacks.append(Imitation(settings.imitation, settings.seed))
+    return callbacks
+
+
 def load_model(algorithm: AlgorithmName, model: Path) -> BaseAlgorithm:
     """Model as it was saved, to act and not to learn: it has no environments and no replay buffer to speak of."""
     no_buffer: dict[str, Any] = {"replay_buffer_class": None, "replay_buffer_kwargs": {}, "buffer_size": 1}
     with reading(model):
         return ALGORITHMS[algorithm].load_class().load(model, device="cpu", custom_objects=no_buffer)
+
+
+def load_normaliser(normalisation: Path) -> VecNormalize:
+    """Statistics that observations were normalised with, to act and not to learn."""
+    with reading(normalisation):
+        normaliser = pickle.loads(normalisation.read_bytes())
+        if not isinstance(normaliser, VecNormalize):
+            raise TypeError(f"it holds a {type(normaliser).__name__}")
+    return normaliser
 
 
 @contextmanager
@@ -99,6 +131,7 @@ def save_learner(learner: BaseAlgorithm, folder: Path) -> None:
         normaliser.save(str(folder / NORMALISATION))
     if isinstance(learner, OffPolicyAlgorithm):
         learner.save_replay_buffer(folder / REPLAY_BUFFER)
+    mark(folder)
 
 
 def _normalised(env: VecEnv, settings: LearnerSettings) -> VecEnv:

@@ -1,6 +1,5 @@
 """What has been learnt, to act upon: observations in, actions out."""
 
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from agents.learners.learner import load_model, reading
+from agents.learners.learner import load_model, load_normaliser
 from agents.learners.settings import AlgorithmName
 from pcm_gym.arrays import Array
 
@@ -59,10 +58,5 @@ def load_policy(
     ModelError
         If they cannot be read.
     """
-    normaliser = None
-    if normalisation is not None:
-        with reading(normalisation):
-            normaliser = pickle.loads(normalisation.read_bytes())
-            if not isinstance(normaliser, VecNormalize):
-                raise TypeError(f"it holds a {type(normaliser).__name__}")
+    normaliser = None if normalisation is None else load_normaliser(normalisation)
     return LearntPolicy(load_model(algorithm, model), normaliser, is_deterministic=is_deterministic)

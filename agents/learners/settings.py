@@ -1,6 +1,6 @@
 """What a learner is told: sections of an experiment's configuration, checked before anything heavy is imported."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -28,19 +28,19 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def name_in(table: Mapping[str, object]) -> AfterValidator:
+def name_in(table: Callable[[], Mapping[str, object]]) -> AfterValidator:
     """Validator of a name that must be in the table; its error lists the names there are."""
 
     def checked(name: str) -> str:
-        if name not in table:
-            *others, last = map(repr, table)
+        if name not in table():
+            *others, last = map(repr, table())
             raise ValueError(f"Input should be {', '.join(others)} or {last}")
         return name
 
     return AfterValidator(checked)
 
 
-AlgorithmName = Annotated[str, name_in(ALGORITHMS)]
+AlgorithmName = Annotated[str, name_in(lambda: ALGORITHMS)]
 
 
 class EnvironmentConfig(Section):
@@ -65,6 +65,48 @@ class HindsightConfig(Section):
     strategy: Literal["future", "final", "episode"] = "future"
 
 
+class LagrangianConfig(Section):
+    """Weight of the cost that a controller turns until the mean cost of an episode is at a limit.
+
+    Attributes
+    ----------
+    cost_limit
+        Mean cost of an episode that is allowed.
+    proportional, integral, derivative
+        Gains of the controller: weight per cost, per cost and rollout, and per rise of the cost in a rollout.
+    """
+
+    cost_limit: Annotated[float, Field(ge=0)] = 0.0
+    proportional: Annotated[float, Field(ge=0)] = 0.5
+    integral: Annotated[float, Field(ge=0)] = 0.1
+    derivative: Annotated[float, Field(ge=0)] = 0.5
+
+
+class ImitationConfig(Section):
+    """Cloning of a reference before the learning proper.
+
+    Attributes
+    ----------
+    reference
+        Name in `pcm_gym.references.REFERENCES`.
+    rounds, steps
+        How often steps are taken and learnt from, and how many each time. In the first round the reference acts: one
+        round is behaviour cloning, several are DAgger.
+    epochs, batch_size, learning_rate
+        How a round is learnt from.
+    critic_rollouts
+        Rollouts of the policy from which the critic alone learns, at the end.
+    """
+
+    reference: str = "planner"
+    rounds: Count = 8
+    steps: Count = 50_000
+    epochs: Count = 4
+    batch_size: Count = 1024
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    critic_rollouts: Annotated[int, Field(ge=0)] = 10
+
+
 class LearnerSettings(Protocol):
     """All that a learner is told; `agents.experiments.config.ExperimentConfig` says what each entry means."""
 
@@ -73,6 +115,9 @@ class LearnerSettings(Protocol):
     hyperparameters: dict[str, Any]
     hindsight: HindsightConfig | None
     cost_weight: float
+    lagrangian: LagrangianConfig | None
+    imitation: ImitationConfig | None
+    shield: bool
     num_envs: int
     seed: int
     normalisation: NormalisationConfig

@@ -1,5 +1,6 @@
 """A native Gymnasium batch as the vector environment that Stable-Baselines3 expects, and what learning adds to it."""
 
+import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -10,9 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-Info = dict[str, Any]
-
-_FINAL_KEYS = frozenset({"final_obs", "_final_obs", "final_info", "_final_info"})
+from agents.learners.infos import Info, Infos, columns_of, last_infos
 
 
 class NativeVecEnv(VecEnv):
@@ -47,7 +46,7 @@ class NativeVecEnv(VecEnv):
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         reset: Any = self.batch.reset  # Gymnasium declares a single seed and takes a list as well
         observations, infos = reset(seed=seeds, options=self._options[0] or None)
-        self.reset_infos = split_infos(infos, self.num_envs)
+        self.reset_infos = list(Infos(infos, self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return observations  # type: ignore[no-any-return]
@@ -65,11 +64,8 @@ class NativeVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Step the batch with the actions kept by `step_async`."""
         observations, rewards, terminated, truncated, infos = self.batch.step(self._actions)
-        rows = _last_infos(infos, self.num_envs)
-        finished = terminated | truncated
-        for index in np.flatnonzero(finished):
-            rows[index]["TimeLimit.truncated"] = bool(truncated[index] and not terminated[index])
-        return observations, np.asarray(rewards, dtype=np.float32), finished, rows
+        lazy: Any = last_infos(infos, truncated, terminated)  # what passes for the list that is declared
+        return observations, np.asarray(rewards, dtype=np.float32), terminated | truncated, lazy
 
     def close(self) -> None:
         """Close the batch."""
@@ -121,6 +117,34 @@ class NativeVecEnv(VecEnv):
         yield layer
 
 
+class EpisodeMonitor(VecEnvWrapper):
+    """Puts ``episode`` (return, length and time) into the last info of each episode, and touches no other info.
+
+    `VecMonitor` does the same and makes every info a dictionary for it.
+    """
+
+    def __init__(self, venv: VecEnv) -> None:
+        super().__init__(venv)
+        self._start = time.time()
+
+    def reset(self) -> VecEnvObs:
+        """First observations of new episodes."""
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Outcome of the step, the episodes that have ended summed up in their infos."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        self._returns += rewards
+        self._lengths += 1
+        now = round(time.time() - self._start, 6)
+        for row in np.flatnonzero(dones).tolist():
+            infos[row]["episode"] = {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": now}
+        self._returns[dones], self._lengths[dones] = 0.0, 0
+        return observations, rewards, dones, infos
+
+
 class CostPenalty(VecEnvWrapper):
     """Takes a multiple of each step's cost from its reward; what the infos say stays as it is.
 
@@ -134,7 +158,7 @@ class CostPenalty(VecEnvWrapper):
 
     def __init__(self, venv: VecEnv, weight: float) -> None:
         super().__init__(venv)
-        self._weight = weight
+        self.weight = weight
 
     def reset(self) -> VecEnvObs:
         """First observations of new episodes."""
@@ -143,52 +167,5 @@ class CostPenalty(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """Outcome of the step, its rewards less the weighted costs."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        costs = np.array([info["cost"] for info in infos], dtype=np.float32)
-        return observations, rewards - self._weight * costs, dones, infos
-
-
-def split_infos(infos: Info, count: int) -> list[Info]:
-    """One dictionary per environment from a batch's arrays and their ``_key`` masks.
-
-    Parameters
-    ----------
-    infos
-        Arrays of length `count` (or nested dictionaries of them), each with the mask ``_key`` of the environments that
-        have the entry; an array without a mask holds for all.
-    count
-        Number of environments.
-    """
-    rows: list[Info] = [{} for _ in range(count)]
-    for key, column in infos.items():
-        if not _is_mask(key, infos):
-            _spread(rows, key, _values(column, count), infos.get(f"_{key}"))
-    return rows
-
-
-def _last_infos(infos: Info, count: int) -> list[Info]:
-    """Infos of the step just taken: where the batch has already begun a new episode, those of the finished one."""
-    rows = split_infos({key: column for key, column in infos.items() if key not in _FINAL_KEYS}, count)
-    if "final_obs" in infos:
-        final_rows = split_infos(infos["final_info"], count)
-        for index in np.flatnonzero(infos["_final_obs"]):
-            rows[index] = {**final_rows[index], "terminal_observation": infos["final_obs"][index]}
-    return rows
-
-
-def _is_mask(key: str, infos: Info) -> bool:
-    return key.startswith("_") and key[1:] in infos
-
-
-def _values(column: Any, count: int) -> Sequence[Any]:
-    if isinstance(column, dict):
-        return split_infos(column, count)
-    return column.tolist() if column.ndim == 1 else list(column)
-
-
-def _spread(rows: list[Info], key: str, values: Sequence[Any], mask: NDArray[np.bool_] | None) -> None:
-    if mask is None or mask.all():
-        for row, value in zip(rows, values, strict=True):
-            row[key] = value
-    else:
-        for index in np.flatnonzero(mask):
-            rows[index][key] = values[int(index)]
+        costs: NDArray[np.float32] = columns_of(infos)["cost"].astype(np.float32)
+        return observations, rewards - np.float32(self.weight) * costs, dones, infos

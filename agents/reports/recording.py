@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import pcm_gym
-from agents.controllers.controller import Controller
 from agents.evaluation.comparison import Evaluation
 from agents.evaluation.episodes import EpisodeResult
 from agents.evaluation.rollouts import position_error, run_episodes
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.references import Controller
 
 Json = dict[str, Any]
 

@@ -7,8 +7,7 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from agents.controllers.controller import Controller
-from agents.controllers.table import CONTROLLERS
+from agents.controllers.table import remarks
 from agents.evaluation.comparison import Evaluation
 from agents.evaluation.tables import percent, table_rows, verdict
 from agents.experiments.config import ExperimentConfig
@@ -17,6 +16,7 @@ from agents.learners.progress import read_progress
 from agents.reports import charts
 from agents.reports.recording import record
 from pcm_gym.environments.batch import MechanismVectorEnv
+from pcm_gym.references import Controller
 
 
 def write_report(
@@ -39,7 +39,7 @@ def write_report(
         "judged": evaluation.summaries[0],
         "verdict": verdict(evaluation),
         "rows": table_rows(evaluation.summaries),
-        "remarks": [CONTROLLERS[name].remark for name in controllers],
+        "remarks": [remarks()[name] for name in controllers],
         "learning_curve": _learning_curve(files.config.parent / PROGRESS),
         "outcomes": Markup(charts.outcomes(evaluation.summaries, evaluation.results, success_distance)),
         "recording": record(evaluation, controllers, env),

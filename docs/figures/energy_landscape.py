@@ -15,7 +15,7 @@ from pcm_gym import Equilibrium, get_mechanism, solve_forward
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.rods.rod import rod, rod_energy
 
-_MECHANISM = "2RFR"
+_MECHANISM = "2RFR-paper"
 _MILLI = 1e3
 _FARTHEST_ANGLE = 0.3  # rms over the buckling rod, rad
 _LETTERS = ("abc", "def")

@@ -30,13 +30,13 @@ _ARROW = 0.045  # m per N
 @lru_cache(maxsize=4)
 def solutions(rho_max: float) -> EquilibriumSet:
     """All solutions of the inverse problem."""
-    return solve_inverse(get_mechanism("2RFR"), POSE, rho_max=rho_max)
+    return solve_inverse(get_mechanism("2RFR-paper"), POSE, rho_max=rho_max)
 
 
 @lru_cache(maxsize=4)
 def families(rho_max: float, samples: int) -> tuple[tuple[Array, ...], ...]:
     """Families of both rods: their equilibria with the tip on the end-effector, over all directions of the clamp."""
-    return tuple(_family(leg, rho_max, samples) for leg in get_mechanism("2RFR").legs)
+    return tuple(_family(leg, rho_max, samples) for leg in get_mechanism("2RFR-paper").legs)
 
 
 def make_rods(rho_max: float = 9.0, samples: int = 300) -> Plate:

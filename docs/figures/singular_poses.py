@@ -19,7 +19,7 @@ _BORDER_DIRECTION = math.radians(50.0)
 
 def make(forward_grid: int = 8, inverse_grid: int = 16, rho_max: float = 9.0) -> Plate:
     """Make the figure from curves sought with grids of so many cells along each axis."""
-    mechanism = get_mechanism("2RFR")
+    mechanism = get_mechanism("2RFR-paper")
     inverse = inverse_singularities(mechanism, rho_max=rho_max, grid=inverse_grid, progress=False)
     folds = forward_singularities(mechanism, rho_max=rho_max, index=0, grid=forward_grid, progress=False)
     figure = style.new_figure(8.0, 3.0)

@@ -22,7 +22,10 @@ _HEADINGS = ("energy (J)", "modes", "index", "eigenvalues of K (N/m)")
 
 def make_forward(rho_max: float = 9.0) -> Plate:
     """Make figure 8: poses at given inputs, of two mechanisms."""
-    sets = {name: solve_forward(get_mechanism(name), inputs, rho_max=rho_max) for name, inputs in _FORWARD.items()}
+    sets = {
+        name: solve_forward(get_mechanism(f"{name}-paper"), inputs, rho_max=rho_max)
+        for name, inputs in _FORWARD.items()
+    }
     figure = style.new_figure(8.0, 5.2)
     panels = _draw(figure, sets)
     for line, found in zip(panels, sets.values(), strict=True):
@@ -35,7 +38,9 @@ def make_forward(rho_max: float = 9.0) -> Plate:
 
 def make_inverse(rho_max: float = 9.0) -> Plate:
     """Make figure 9: sliders' places at a given pose."""
-    sets = {name: solve_inverse(get_mechanism(name), pose, rho_max=rho_max) for name, pose in _INVERSE.items()}
+    sets = {
+        name: solve_inverse(get_mechanism(f"{name}-paper"), pose, rho_max=rho_max) for name, pose in _INVERSE.items()
+    }
     figure = style.new_figure(8.0, 3.7)
     panels = _draw(figure, sets)
     for line, found in zip(panels, sets.values(), strict=True):

@@ -25,7 +25,7 @@ _HEADINGS = ("branch", "area over poses (m²)", "area over inputs (turns²)", "m
 
 def make(pitch: float = 0.005, input_cells: int = 160) -> Plate:
     """Make the figure from an atlas with this pitch, m, and so many cells along each input."""
-    atlas = build_atlas(get_mechanism("2RFR"), pitch=pitch, input_cells=input_cells, progress=False)
+    atlas = build_atlas(get_mechanism("2RFR-paper"), pitch=pitch, input_cells=input_cells, progress=False)
     figure = style.new_figure(8.0, 5.8)
     panels = figure.subplots(2, _SHOWN, sharex=True, sharey=True)
     modes = _modes(atlas)

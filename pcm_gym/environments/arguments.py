@@ -1,15 +1,27 @@
 """The keyword arguments of an environment: declared, documented and given their defaults here and nowhere else."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
 from pcm_gym.solving import Atlas
-from pcm_gym.tasks import TASKS, OnInstability, Path, ReachDifficulty, RewardType, SwitchDifficulty, Task
+from pcm_gym.solving.limits import LimitName
+from pcm_gym.tasks import (
+    TASKS,
+    OnInstability,
+    Path,
+    ReachDifficulty,
+    RewardType,
+    Split,
+    SwitchDifficulty,
+    Task,
+    TrackDifficulty,
+)
 
 Workspace = Atlas | str | os.PathLike[str] | None
+Observe = Literal["all", "rig", "pose"]
 
 
 class EnvironmentArguments(TypedDict, total=False):
@@ -33,8 +45,19 @@ class EnvironmentArguments(TypedDict, total=False):
         any other task: its name, once registered, its class, or itself.
     reward_type : "dense" or "sparse"
         How the distance to the goal is rewarded; see `pcm_gym.tasks.Goals`.
+    shaping : float, optional
+        Discount factor c of the agent, in (0, 1]. With it, rewards contain `c P(s') - P(s)`, where the potential P of a
+        state falls by 0.01 with every step of a planner between it and the goal, and is 0 where stability is lost: it
+        guides the agent and changes no best policy (A. Y. Ng, D. Harada, S. Russell, 1999, ICML). Not for goals that
+        move. `compute_reward` is without it.
+    split : "train" or "test"
+        Which episodes are drawn. Those of training and test never come nearer to each other than 0.02 mean rod lengths,
+        the root of the sum of the squared distances of their starts and goals, and are of other variants where loads or
+        mechanisms are drawn. Starts and goals that `reset` is asked for are of neither, and a task from outside has two
+        parts only if it says so, with `has_split`.
     difficulty : str, optional
-        For Reach and Switch: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach` and `Switch`.
+        The tier: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach`, `Track` and `Switch`. With
+        "rig" the defaults of what follows `load` are those of a real rig, see `pcm_gym.environments.rig`.
     path : "circle", "eight", "spline" or "any", optional
         For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
     success_distance : float
@@ -48,6 +71,12 @@ class EnvironmentArguments(TypedDict, total=False):
     singular_margin : float, optional
         Threshold of `cost_singular`: estimated distance of the nearest fold in the space of the inputs, in rad and mean
         rod lengths; by default half of the agent's smallest step.
+    limits : sequence of "stress", "torque" or "contact"
+        Limits of the structure that are watched, none by default. Each adds its cost, `cost_stress`, `cost_torque` or
+        `cost_contact`, to the infos and to `cost`: 1 where the state after a step breaks it. Starts, goals, paths and
+        the nodes of roadmaps keep them. Stress takes rods of a section and a material, torque takes actuators with a
+        `greatest_torque` or `greatest_force`. Contact is a rod that crosses itself, on a platform also another rod or
+        an edge of the platform.
     load : array_like (d,) or (2, d), optional
         Load on the end-effector, N (and N m): constant, or the least and the greatest of a range from which it is drawn
         at each reset.
@@ -68,6 +97,9 @@ class EnvironmentArguments(TypedDict, total=False):
     observation_noise : float
         Standard deviation of normal noise on all measured elements of `observation`; the goals and the verdicts on
         stability are exact.
+    observe : "all", "rig" or "pose"
+        What is sensed of a state: everything; what a rig has, which is the pose, the inputs and what the actuators
+        give; or the pose alone. With the last two `achieved_goal` has the noise of the pose, too.
     """
 
     render_mode: Literal["rgb_array"] | None
@@ -75,13 +107,16 @@ class EnvironmentArguments(TypedDict, total=False):
     render_workspace: Workspace
     task: str | type[Task] | Task
     reward_type: RewardType
-    difficulty: ReachDifficulty | SwitchDifficulty | None
+    shaping: float | None
+    split: Split
+    difficulty: ReachDifficulty | TrackDifficulty | SwitchDifficulty | None
     path: Path | None
     success_distance: float
     hold_steps: int
     on_instability: OnInstability
     max_action: ArrayLike | None
     singular_margin: float | None
+    limits: Sequence[LimitName]
     load: ArrayLike | None
     observe_load: bool
     randomisation: Mapping[str, float] | None
@@ -90,6 +125,7 @@ class EnvironmentArguments(TypedDict, total=False):
     rate_limit: ArrayLike | None
     backlash: ArrayLike
     observation_noise: float
+    observe: Observe
 
 
 DEFAULTS: EnvironmentArguments = {
@@ -98,6 +134,8 @@ DEFAULTS: EnvironmentArguments = {
     "render_workspace": None,
     "task": "Reach",
     "reward_type": "dense",
+    "shaping": None,
+    "split": "train",
     "difficulty": None,
     "path": None,
     "success_distance": 0.02,
@@ -105,6 +143,7 @@ DEFAULTS: EnvironmentArguments = {
     "on_instability": "terminate",
     "max_action": None,
     "singular_margin": None,
+    "limits": (),
     "load": None,
     "observe_load": True,
     "randomisation": None,
@@ -113,6 +152,7 @@ DEFAULTS: EnvironmentArguments = {
     "rate_limit": None,
     "backlash": 0.0,
     "observation_noise": 0.0,
+    "observe": "all",
 }
 
 

@@ -114,6 +114,10 @@ class MechanismVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any
         """Return the present equilibrium of one environment."""
         return self._simulation.equilibrium(self._checked_row(row))
 
+    def true_mechanism(self, row: int) -> Mechanism:
+        """Return the mechanism of one episode, of which the agent is not told where mechanisms are drawn."""
+        return self.equilibrium(row).mechanism
+
     def goal(self, row: int) -> Array:
         """Return the goal of one environment as a pose, (d,), in m and rad."""
         return self.task.goals.pose(self._simulation.goal(self._checked_row(row)))

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcm_gym.arrays import Array, Integers
+from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_array, finite_vector, instance_of, mapping, one_of, shown
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import Episodes, Generators, Scene
+from pcm_gym.tasks import Episodes, Generators, Scene, draw_until, in_split
 from pcm_gym.tasks.scene import reached
 
 RESET_OPTIONS = ("inputs", "equilibrium", "goal", "load")
@@ -29,6 +29,7 @@ class EpisodeStarts(NamedTuple):
     states: States  # (n, ...)
     goals: Array  # (n, p, g)
     witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal; not a number if none is known
+    fewest_falls: Integers  # (n,): without which nothing leads to the goal
 
 
 def episode_starts(
@@ -54,7 +55,7 @@ def episode_starts(
     ------
     ValueError
         If an option is unknown, of wrong shape, or cannot be met on stable equilibria; with "continue" the equilibrium
-        may be unstable, and what is reached from it too.
+        may be unstable, and what is reached from it too. If the task has no episodes, or none of the split.
     """
     options = mapping("options", options)
     for name in options:
@@ -67,22 +68,55 @@ def episode_starts(
             continue
         scene = _scene_for(nominal, options)
         own = [generators[member] for member in members.tolist()]
-        states, goals, witness = _drawn(settings, scene, own, threads)
+        if settings.task.has_split and scene.origin is None and goal is None:
+            states, goals, witness, falls = _drawn_of_split(settings, scene, own, threads)
+        else:
+            states, goals, witness, falls = _drawn(settings, scene, own, threads)
         if goal is not None:
-            goals, witness = _filled(goals, goal[0]), _filled(witness, goal[1])
-        yield EpisodeStarts(members, number, states, goals, witness)
+            goals, witness, falls = _filled(goals, goal[0]), _filled(witness, goal[1]), np.zeros_like(falls)
+        yield EpisodeStarts(members, number, states, goals, witness, falls)
 
 
-def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: int) -> tuple[States, Array, Array]:
-    """Return states, goals and witnesses that the task draws."""
+class _Drawn(NamedTuple):
+    """What a task has drawn."""
+
+    states: States
+    goals: Array
+    witness: Array
+    fewest_falls: Integers
+
+
+def _drawn_of_split(settings: Settings, scene: Scene, generators: Generators, threads: int) -> _Drawn:
+    """Return what the task draws of the training's or the test's part: of each generator the first that is of it."""
+    task, split = settings.task, settings.split
+
+    def drawn(own: Generators) -> tuple[Episodes, Mask]:
+        episodes = task.sample(scene, own, threads)
+        _check_drawn(settings, episodes, len(own))
+        starts = task.goals.of_states(episodes.states.x, episodes.states.inputs)
+        return episodes, in_split(split, starts, episodes.goals[:, 0])
+
+    return _as_drawn(draw_until(drawn, generators, f"split {split!r} must leave episodes of task {task!r}"))
+
+
+def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: int) -> _Drawn:
+    """Return what the task draws."""
     unstable = scene.origin if scene.origin is not None and not scene.origin.is_stable else None
     # the goal of an unstable start is stable none the less
     drawn = settings.task.sample(scene if unstable is None else replace(scene, origin=None), generators, threads)
-    states = drawn.states if unstable is None else scene.at_equilibrium(unstable, len(generators))
     _check_drawn(settings, drawn, len(generators))
+    made = _as_drawn(drawn)
+    return made if unstable is None else made._replace(states=scene.at_equilibrium(unstable, len(generators)))
+
+
+def _as_drawn(drawn: Episodes) -> _Drawn:
+    states, falls = drawn.states, drawn.fewest_falls
+    assert falls is not None
     if drawn.witness is None:
-        return states, drawn.goals, np.full((len(generators), states.inputs.shape[1] + states.x.shape[1]), np.nan)
-    return states, drawn.goals, np.concatenate([drawn.witness.inputs, drawn.witness.x], axis=1)
+        witness = np.full((len(states.x), states.inputs.shape[1] + states.x.shape[1]), np.nan)
+    else:
+        witness = np.concatenate([drawn.witness.inputs, drawn.witness.x], axis=1)
+    return _Drawn(states, drawn.goals, witness, falls)
 
 
 def _check_drawn(settings: Settings, drawn: Episodes, count: int) -> None:

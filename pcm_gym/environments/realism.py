@@ -83,7 +83,7 @@ class Randomisation:
                 replace(
                     leg,
                     actuator=replace(leg.actuator, base=tuple(base.tolist())),
-                    rod=Rod(leg.rod.length * factors[0], leg.rod.bending_stiffness * factors[1]),
+                    rod=leg.rod.scaled(*factors.tolist()),
                     attachment=tuple(attachment.tolist()),
                 )
             )
@@ -132,6 +132,11 @@ class Actuators:
         """Whether the clamps go at once where they are told to."""
         return self.lag == 0.0 and not self.backlash.any() and bool(np.isinf(self.rate_limit).all())
 
+    @property
+    def part(self) -> float:
+        """Part of the way to its command that a drive goes in a step, unless its rate is limited."""
+        return 1.0 if self.lag == 0.0 else -math.expm1(-1.0 / self.lag)
+
     def told(self, motion: Motion) -> tuple[Array, Array]:
         """Return what the actuators have been told and where their drives are, (n, legs) each."""
         return (motion.inputs, motion.inputs) if self.are_ideal else (motion.commands, motion.drives)
@@ -148,8 +153,7 @@ class Actuators:
 
     def follow(self, commands: Array, drives: Array, clamps: Array) -> tuple[Array, Array]:
         """Return drives and clamps (n, legs) one step after they were told to go to the commands."""
-        part = 1.0 if self.lag == 0.0 else -math.expm1(-1.0 / self.lag)
-        moved = drives + np.clip(part * (commands - drives), -self.rate_limit, self.rate_limit)
+        moved = drives + np.clip(self.part * (commands - drives), -self.rate_limit, self.rate_limit)
         return moved, np.clip(clamps, moved - 0.5 * self.backlash, moved + 0.5 * self.backlash)
 
 

@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from pcm_gym.environments.arguments import task_arguments
-from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names, register_mechanism
-from pcm_gym.mechanism.catalogue import free_name
-from pcm_gym.mechanism.validation import one_of, text, whole_number
-from pcm_gym.tasks import Task, free_task_name, register_task, task_type
+if TYPE_CHECKING:
+    from pcm_gym.mechanism import Mechanism
+    from pcm_gym.tasks import Task
+
+# Of single environments, by which they are known to be of this package.
+ENTRY_POINT = "pcm_gym.environments.single:MechanismEnv"
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,12 @@ class Registered:
             If the id is that of something else.
         """
         entry: dict[str, Any] = {
-            "entry_point": "pcm_gym.environments.single:MechanismEnv",
+            "entry_point": ENTRY_POINT,
             "vector_entry_point": "pcm_gym.environments.batch:MechanismVectorEnv",
             "max_episode_steps": self.time_limit,
             "kwargs": {"mechanism": self.mechanism, "task": self.task, **self.arguments},
         }
-        known = gymnasium.registry.get(text("environment_id", self.id))
+        known = gymnasium.registry.get(self.id)
         if known is None:
             try:
                 gymnasium.register(self.id, **entry)
@@ -51,9 +52,6 @@ class Registered:
             raise ValueError(f"environment_id must be a new one, got {self.id!r}: it is registered as something else")
 
 
-# No cusp of the 2PFR is within its limits: nothing leads around one.
-_FALLS = {"difficulty": "fall", "on_instability": "snap"}
-
 ENVIRONMENTS = (
     Registered("PCM/2RFR-Reach-v0", "2RFR", "Reach", 100),
     Registered("PCM/2PFR-Reach-v0", "2PFR", "Reach", 100),
@@ -62,7 +60,7 @@ ENVIRONMENTS = (
     Registered("PCM/2PFR-Track-v0", "2PFR", "Track", 200),
     Registered("PCM/3PFR-Track-v0", "3PFR", "Track", 200),
     Registered("PCM/2RFR-Switch-v0", "2RFR", "Switch", 150),
-    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150, _FALLS),
+    Registered("PCM/2PFR-Switch-v0", "2PFR", "Switch", 150),
     Registered("PCM/3PFR-Switch-v0", "3PFR", "Switch", 150),
 )
 
@@ -81,8 +79,8 @@ def register_environments() -> None:
 def register_environment(
     environment_id: str,
     *,
-    mechanism: Mechanism | str,
-    task: type[Task] | str = "Reach",
+    mechanism: "Mechanism | str",
+    task: "type[Task] | str" = "Reach",
     time_limit: int | None = None,
     **arguments: Any,
 ) -> None:
@@ -109,6 +107,14 @@ def register_environment(
     ValueError
         If the id, or the name of the mechanism or of the task, is that of another one; if there is none of that name.
     """
+    # imported here, with all of the mechanics, which registering by name does without
+    from pcm_gym.environments.arguments import task_arguments
+    from pcm_gym.mechanism import get_mechanism, mechanism_names, register_mechanism
+    from pcm_gym.mechanism.catalogue import free_name
+    from pcm_gym.mechanism.validation import one_of, text, whole_number
+    from pcm_gym.tasks import free_task_name, register_task, task_type
+
+    text("environment_id", environment_id)
     task_arguments(task_type(task), arguments)
     arguments = {name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in arguments.items()}
     if time_limit is not None:

@@ -12,17 +12,23 @@ from pcm_gym.kernels.statics.states import States
 from pcm_gym.kernels.stepping.goals import GoalProgress
 from pcm_gym.kernels.stepping.report import Costs, Verdict
 from pcm_gym.mechanism.validation import finite_array, mapping, shown, truth_array, whole_array
+from pcm_gym.solving.limits import LimitName
+from pcm_gym.tasks import Progress
 
 
 class Info(TypedDict):
     """What `info` holds after each step and each reset, beside the metrics that a task from outside may have.
+
+    With `limits` also `cost_stress`, `cost_torque` or `cost_contact`, float: 1 where the state breaks that limit.
 
     Attributes
     ----------
     is_success : bool
         Whether the state is stable and at its goal, for `hold_steps` states in a row.
     cost : float
-        Sum of the three costs that follow. Each is 0 or 1, and 0 at reset.
+        Sum of the three costs that follow, which tell danger, and of those of the `limits`. Each is 0 or 1, and 0 at
+        reset. It adds what happens once to what may go on for long: as a budget take `losses`, or the steps of
+        `is_dwelling`.
     cost_unstable : float
         1 where stability was lost on the way, or the state is unstable.
     cost_singular : float
@@ -42,6 +48,12 @@ class Info(TypedDict):
         change of the index, with which it goes on; else 4, a failure of the solver, 3, an actuator's limit, or 0, none.
     at_limit : bool
         Whether an increment was cut at an actuator's limit.
+    losses : int
+        How often stability was lost on the way: events. More than once where falls follow each other.
+    is_dwelling : bool
+        Whether the state is nearly singular or unstable: steps spent in danger.
+    energy_released : float
+        By the falls on the way, with `on_instability="snap"`, in N m.
     """
 
     is_success: bool
@@ -55,6 +67,9 @@ class Info(TypedDict):
     residual: float
     event: int
     at_limit: bool
+    losses: int
+    is_dwelling: bool
+    energy_released: float
 
 
 # An info tells a verdict field by field, after whether it is a success and the sum of the costs.
@@ -74,7 +89,9 @@ class Rows(NamedTuple):
     goals: Array  # (n, p, g): the goals of successive steps, over and over
     witness: Array  # (n, legs + 2 legs + d): inputs and state that meet the first goal, not a number if none is known
     elapsed: Integers  # (n,): steps since the reset
-    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+    held: Integers  # (n,): states that are at their goal: in a row up to the present one, or of all steps
+    fewest_falls: Integers  # (n,): without which nothing leads to the goal
+    potential: Array  # (n,): of the present state, where a potential shapes the rewards
     lost: Mask  # (n,): whether a loss of stability has ended the episode
     commands: Array  # (n, legs): what the actuators have been told
     drives: Array  # (n, legs): where their drives are
@@ -83,6 +100,10 @@ class Rows(NamedTuple):
     def states(self) -> States:
         """The dynamic states."""
         return States(self.x, self.inputs, self.load)
+
+    def gone(self, rows: Integers) -> Progress:
+        """Return how the episodes of some rows have gone so far."""
+        return Progress(self.held[rows], self.elapsed[rows], self.fewest_falls[rows])
 
     @property
     def progress(self) -> GoalProgress:
@@ -121,10 +142,15 @@ class Rows(NamedTuple):
         return ahead
 
 
-def total_cost(verdicts: Records) -> Array:
-    """Return the sum of the costs of steps, in the shape of their verdicts."""
-    total: Array = np.add.reduce([verdicts[name] for name in _COSTS])
+def total_cost(verdicts: Records, limits: Sequence[LimitName] = ()) -> Array:
+    """Return the sum of the costs of steps, in the shape of their verdicts; also of the limits that are watched."""
+    total: Array = np.add.reduce([verdicts[name] for name in (*_COSTS, *limit_costs(limits))])
     return total
+
+
+def limit_costs(limits: Sequence[LimitName]) -> list[str]:
+    """Return the names of the costs of limits of the structure."""
+    return [f"cost_{name}" for name in limits]
 
 
 def saved_parts(name: str, state: Any, names: Sequence[str]) -> Mapping[str, Any]:
@@ -156,15 +182,19 @@ class Outcome(NamedTuple):
     success: Mask  # (n,)
     verdicts: Records  # (n,) of `VERDICT_TYPE`
     metrics: dict[str, Array]  # (n,) each: what else the task tells
+    limits: tuple[LimitName, ...]  # of the structure, that are watched
 
     def row_info(self, row: int) -> dict[str, Any]:
         """Return the info of one row, an `Info` in Python's own types, and the task's metrics."""
         verdict = self.verdicts.item(row)
         info = dict(zip(_KEYS, (bool(self.success[row]), sum(verdict[: len(_COSTS)]), *verdict), strict=False))
+        for name in limit_costs(self.limits):
+            info[name] = float(self.verdicts[name][row])
+            info["cost"] += info[name]
         return {name: values.item(row) for name, values in self.metrics.items()} | info if self.metrics else info
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return the infos of all rows, one array per key; those of numbers are parts of this outcome."""
         verdicts = self.verdicts
-        told = {name: verdicts[name] for name in _TOLD}
-        return self.metrics | {"is_success": self.success, "cost": total_cost(verdicts), **told}
+        told = {name: verdicts[name] for name in (*_TOLD, *limit_costs(self.limits))}
+        return self.metrics | {"is_success": self.success, "cost": total_cost(verdicts, self.limits), **told}

@@ -7,9 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
+from pcm_gym.environments.arguments import Observe
 from pcm_gym.environments.rows import Rows
 from pcm_gym.environments.settings import Settings
 from pcm_gym.tasks import Generators, Layout, Part, box_of, command_elements, feature_layout, load_elements
+
+# The parts of the features that are sensed; None for all.
+_SENSED: dict[Observe, tuple[str, ...] | None] = {
+    "all": None,
+    "rig": ("pose", "inputs", "efforts"),
+    "pose": ("pose",),
+}
 
 
 class _Told(NamedTuple):
@@ -33,23 +41,32 @@ class Sensors:
     def __init__(self, settings: Settings) -> None:
         self.features = feature_layout(settings.mechanism)
         self._told = tuple(_told(settings))
-        self.layout = Layout((*self.features.parts, *(told.part for told in self._told)))
+        names = _SENSED[settings.observe]
+        sensed = [part for part in self.features.parts if names is None or part.name in names]
+        self.layout = Layout((*sensed, *(told.part for told in self._told)))
+        columns = [np.arange(len(self.features.elements))[self.features[part.name]] for part in sensed]
+        self._columns = None if names is None else np.concatenate(columns)
         self._noise, self._is_measured = settings.observation_noise, self.features.is_measured
         self._box = box_of(self.features.elements)
 
-    def observe(self, state: Rows, rows: Integers, features: Array, generators: Generators) -> Array:
-        """Return what is observed of some rows (m,) of the state, with their features (m, f).
-
-        The generators, one for each row of the state, are the source of noise.
-        """
-        if self._noise > 0.0:
-            features = self._with_noise(features, [generators[row] for row in rows.tolist()])
+    def observe(self, state: Rows, rows: Integers, features: Array) -> Array:
+        """Return what is observed of some rows (m,) of the state, with their features (m, f) as they are measured."""
+        if self._columns is not None:
+            features = features[:, self._columns]
         if not self._told:
             return features
         return np.concatenate([features, *(told.values(state, rows) for told in self._told)], axis=1)
 
+    def measure(self, features: Array, rows: Integers, generators: Generators) -> Array:
+        """Return the features (m, f) of some rows with noise on all that is measured.
+
+        The generators, one for each row of the state, are its source.
+        """
+        if self._noise == 0.0:
+            return features
+        return self._with_noise(features, [generators[row] for row in rows.tolist()])
+
     def _with_noise(self, features: Array, generators: Generators) -> Array:
-        """Return the features (m, f) with noise on all that is measured."""
         count = np.count_nonzero(self._is_measured)
         noisy = features.copy()
         noisy[:, self._is_measured] += self._noise * np.array([own.standard_normal(count) for own in generators])

@@ -1,14 +1,15 @@
 """The arguments of an environment, validated, and the scenes in which its episodes take place."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
-from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Workspace, task_arguments
+from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Observe, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
+from pcm_gym.environments.rig import rig_arguments
 from pcm_gym.kernels.charts.roadmap import grow, pose_densities
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
@@ -28,7 +29,8 @@ from pcm_gym.mechanism.validation import (
     truth_value,
     whole_number,
 )
-from pcm_gym.tasks import Goals, OnInstability, Scene, Task, default_max_action, task_type
+from pcm_gym.solving.limits import LimitName, limits_of
+from pcm_gym.tasks import SPLITS, Goals, OnInstability, Scene, Split, Task, default_max_action, task_type
 
 # What may happen where stability is lost, and the kernels' codes.
 BEHAVIOURS: dict[OnInstability, int] = {"terminate": TERMINATE, "snap": SNAP, "hold": HOLD, "continue": CONTINUE}
@@ -52,7 +54,13 @@ class Settings:
     ----------
     mechanism : Mechanism
     task : Task
+    split : "train" or "test"
+        Which episodes are drawn.
+    shaping : float, optional
+        Discount factor with which a potential shapes the rewards.
     on_instability : "terminate", "snap", "hold" or "continue"
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that are watched.
     load_range : array (2, d)
         Least and greatest load on the end-effector in the mechanism's units; equal where it is constant.
     observe_load : bool
@@ -69,6 +77,8 @@ class Settings:
     actuators : Actuators
     observation_noise : float
         Standard deviation of what is measured.
+    observe : "all", "rig" or "pose"
+        What is sensed.
     render_mode : "rgb_array", optional
     render_ghosts : bool
         Whether pictures show every other equilibrium at the present inputs.
@@ -78,7 +88,10 @@ class Settings:
 
     mechanism: Mechanism
     task: Task
+    split: Split
+    shaping: float | None
     on_instability: OnInstability
+    limits: tuple[LimitName, ...]
     load_range: Array
     observe_load: bool
     max_action: Array
@@ -88,6 +101,7 @@ class Settings:
     variants: int
     actuators: Actuators
     observation_noise: float
+    observe: Observe
     render_mode: str | None
     render_ghosts: bool
     render_workspace: Workspace
@@ -100,8 +114,9 @@ class Settings:
             mechanism = get_mechanism(one_of("mechanism", mechanism, mechanism_names()))
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {shown(mechanism)}")
-        given = DEFAULTS | arguments
-        task = _task(mechanism, arguments, given)
+        task = _task(mechanism, arguments, DEFAULTS | arguments)
+        preset = rig_arguments(mechanism) if getattr(task, "difficulty", None) == "rig" else EnvironmentArguments()
+        given = DEFAULTS | preset | arguments
         steps = _steps(mechanism, given["max_action"])
         singular_margin = given["singular_margin"]
         if singular_margin is None:
@@ -109,7 +124,10 @@ class Settings:
         return cls(
             mechanism=mechanism,
             task=task,
+            split=one_of("split", given["split"], SPLITS),
+            shaping=_shaping(task, given["shaping"]),
             on_instability=_behaviour(task, given["on_instability"]),
+            limits=limits_of(mechanism, given["limits"]).names,
             load_range=_load_range(mechanism, given["load"]),
             observe_load=truth_value("observe_load", given["observe_load"]),
             max_action=steps,
@@ -121,6 +139,7 @@ class Settings:
                 mechanism, given["actuator_lag"], given["rate_limit"], given["backlash"]
             ),
             observation_noise=number_not_negative("observation_noise", given["observation_noise"]),
+            observe=one_of("observe", given["observe"], get_args(Observe)),
             render_mode=one_of("render_mode", given["render_mode"], (None, "rgb_array")),
             render_ghosts=truth_value("render_ghosts", given["render_ghosts"]),
             render_workspace=given["render_workspace"],
@@ -143,7 +162,9 @@ class Settings:
 
     def scene(self, mechanism: Mechanism, load: Array) -> Scene:
         """Return the scene of a mechanism under a load."""
-        return Scene(mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin)
+        return Scene(
+            mechanism, tuple(load.tolist()), tuple(self.stride.tolist()), self.singular_margin, limits=self.limits
+        )
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return the scenes in which episodes take place: one, or `variants` where mechanism or load vary.
@@ -155,9 +176,9 @@ class Settings:
         """
         if self.randomisation.is_off and not self.load_varies:
             scene = self.scene(self.mechanism, self.load_range[0])
-            _ = scene.home  # worked out, or refused, before anything else
+            scene.check_seed()  # home is worked out, or refused, before anything else
             return (scene,)
-        numbers, found, failure = np.random.default_rng(0), [], None
+        numbers, found, failure = np.random.default_rng(SPLITS.index(self.split)), [], None
         for _ in range(_DRAWS_PER_SCENE * self.variants):
             mechanism = self.mechanism
             if not self.randomisation.is_off:
@@ -190,6 +211,17 @@ def _task(mechanism: Mechanism, arguments: EnvironmentArguments, given: Environm
     kind = task_type(task)
     goals = Goals(mechanism, given["reward_type"], given["success_distance"], kind.with_inputs)
     return kind(goals, **task_arguments(kind, arguments))
+
+
+def _shaping(task: Task, shaping: Any) -> float | None:
+    if shaping is None:
+        return None
+    factor = positive_number("shaping", shaping)
+    if factor > 1.0:
+        raise ValueError(f"shaping must be a discount factor of at most 1, got {factor}")
+    if task.period > 1:
+        raise ValueError(f"shaping must be None for task {type(task).__name__!r}, whose goals move, got {factor}")
+    return factor
 
 
 def _behaviour(task: Task, on_instability: Any) -> OnInstability:

@@ -125,9 +125,14 @@ class Shield:
 
 def _margins(report: Report, otherwise: float) -> Array:
     """Return the singularity margins (m,) where steps arrive stable, and another number elsewhere."""
+    return np.where(arrives_stable(report), report.verdicts["singularity_margin"], otherwise)
+
+
+def arrives_stable(report: Report) -> Mask:
+    """Return which steps (m,) arrive, on the branch and stable."""
     events, index = report.verdicts["event"], report.verdicts["index"]
-    arrives = ((events == NONE) | (events == ACTUATOR_LIMIT)) & (index == 0)
-    return np.where(arrives, report.verdicts["singularity_margin"], otherwise)
+    arrives: Mask = ((events == NONE) | (events == ACTUATOR_LIMIT)) & (index == 0)
+    return arrives
 
 
 def _as_told(actions: Array) -> Array:

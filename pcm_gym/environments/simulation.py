@@ -16,10 +16,11 @@ from pcm_gym.environments.settings import Settings
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE, SOLVER_FAILURE
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.numerics.threads import LARGEST_PIECE, LEAST_ROWS, pieces_of, run_all
+from pcm_gym.kernels.stepping.limits import judge_rows
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
 from pcm_gym.solving import Equilibrium
-from pcm_gym.tasks import Generators, Scene, box_of
+from pcm_gym.tasks import Generators, Potential, Scene, box_of
 
 
 class Simulation:
@@ -50,6 +51,12 @@ class Simulation:
         self._feature_count = len(self.sensors.features.elements)
         self._all, self._every = np.arange(count), np.ones(count, dtype=np.bool_)
         self.scenes = settings.scenes()
+        self._discount = settings.shaping or 0.0
+        self._potentials = (
+            []
+            if settings.shaping is None
+            else [Potential(scene, settings.task.roadmap(scene)) for scene in self.scenes]
+        )
         self.rows = self._rows_at_home()
         self.motion = Motion.of(self.rows)
 
@@ -64,6 +71,8 @@ class Simulation:
             witness=np.concatenate([states.inputs, states.x], axis=1),
             elapsed=np.zeros(count, dtype=np.int64),
             held=np.zeros(count, dtype=np.int64),
+            fewest_falls=np.zeros(count, dtype=np.int64),
+            potential=np.zeros(count),
             lost=np.zeros(count, dtype=np.bool_),
             commands=states.inputs.copy(),
             drives=states.inputs.copy(),
@@ -166,10 +175,11 @@ class Simulation:
         states, aims, jobs = motion.states, Moves(moves, self._stride), []
         for scene, members in self._by_scene(motion.scene, rows):
 
-            def step(
-                first: int, last: int, legs: Array = scene.mechanism.leg_table, chosen: Integers = members
-            ) -> None:
-                step_batch(legs, states, chosen[first:last], aims, rules, report)
+            def step(first: int, last: int, scene: Scene = scene, members: Integers = members) -> None:
+                legs, chosen = scene.mechanism.leg_table, members[first:last]
+                step_batch(legs, states, chosen, aims, rules, report)
+                if scene.limits:
+                    judge_rows(legs, states, chosen, scene.structure.bounds, report)
 
             jobs += pieces_of(step, len(members), self._threads)
         return jobs
@@ -199,16 +209,45 @@ class Simulation:
         state.lost[rows] = np.where(has_stepped, is_lost, state.lost[rows])
         achieved = task.goals._achieved(report.features, state.inputs, rows)
         desired, rewards = task._update_goals(achieved, rows, has_stepped, verdicts["is_stable"], state.progress)
-        observed = self.sensors.observe(state, rows, report.features, generators)
+        if self._potentials:
+            before = state.potential[rows]
+            state.potential[rows] = self._potential(self.motion, rows, state.witness[rows], is_lost)
+            rewards = rewards + np.where(has_stepped, self._discount * state.potential[rows] - before, 0.0)
+        measured, seen = self.sensors.measure(report.features, rows, generators), achieved
+        if self.settings.observe != "all" and measured is not report.features:
+            seen = task.goals._achieved(measured, state.inputs, rows)
+        verdicts["energy_released"] *= self._units.energy
+        progress = state.gone(rows)
         return Outcome(
-            {"observation": observed, "achieved_goal": achieved, "desired_goal": desired},
+            {
+                "observation": self.sensors.observe(state, rows, measured),
+                "achieved_goal": seen,
+                "desired_goal": desired,
+            },
             rewards,
             is_lost,
             verdicts["event"] == SOLVER_FAILURE,
-            state.held[rows] >= self.settings.hold_steps,
+            task.succeeded(progress, self.settings.hold_steps),
             verdicts,
-            task.metrics(achieved, desired),
+            task.metrics(achieved, desired) | task.progress_metrics(progress),
+            self.settings.limits,
         )
+
+    def shaped(self, rewards: Array, motion: Motion, origin: Integers, is_lost: Mask) -> Array:
+        """Return rewards (m,) of steps of the rows `origin` (m,), with the potential's part, where they lead."""
+        if not self._potentials:
+            return rewards
+        after = self._potential(motion, np.arange(len(origin)), self.rows.witness[origin], is_lost)
+        return rewards + (self._discount * after - self.rows.potential[origin])
+
+    def _potential(self, motion: Motion, rows: Integers, goals: Array, is_lost: Mask) -> Array:
+        """Return the potentials (m,) of some rows of a motion, 0 where stability is lost; see `Potential` for goals."""
+        potentials, numbers = np.zeros(len(rows)), motion.scene[rows]
+        for number in np.unique(numbers).tolist():
+            chosen = np.flatnonzero((numbers == number) & ~is_lost)
+            own = rows[chosen]
+            potentials[chosen] = self._potentials[number](motion.x[own], motion.inputs[own], goals[chosen])
+        return potentials
 
     def reset_rows(self, rows: Integers, generators: Generators, options: Mapping[str, Any] | None) -> None:
         """Begin new episodes in some rows, each with its generator; see `episode_starts`."""
@@ -220,9 +259,10 @@ class Simulation:
                 array[begun] = values
             state.scene[begun], state.elapsed[begun], state.lost[begun] = starts.scene, 0, False
             state.goals[begun], state.witness[begun] = starts.goals, starts.witness
+            state.fewest_falls[begun] = starts.fewest_falls
             state.commands[begun], state.drives[begun] = start.inputs, start.inputs
             _, at_goal = task._scored(task.goals.of_states(start.x, start.inputs), starts.goals[:, 0])
-            state.held[begun] = at_goal
+            state.held[begun] = at_goal & (not task.counts_all)
 
 
 def _settle(motion: Motion, rows: Integers, response: Response, report: Report) -> None:

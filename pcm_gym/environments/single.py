@@ -145,6 +145,10 @@ class MechanismEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """An equilibrium that meets the first goal of the episode, not observed; None for a pose asked of `reset`."""
         return self._simulation.witness(0)
 
+    def true_mechanism(self) -> Mechanism:
+        """Return the mechanism of the episode, of which the agent is not told where mechanisms are drawn."""
+        return self.equilibrium.mechanism
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:

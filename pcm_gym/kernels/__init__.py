@@ -1,5 +1,5 @@
 """Compiled mathematics on plain arrays, in rooms; each knows only those named before it.
 
-numerics, rods, statics, branches; then two wings: enumeration and proofs find all equilibria, snaps, lockstep and
-stepping follow one. Charts stand on top.
+numerics, rods, statics; structure and branches, which do not know each other; then two wings: enumeration and proofs
+find all equilibria, snaps, lockstep and stepping follow one. Charts stand on top.
 """

@@ -1,30 +1,11 @@
-"""Rods, actuators and legs: the parts of a mechanism, as frozen and validated data."""
+"""Actuators and legs: the parts of a mechanism, as frozen and validated data."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
+from pcm_gym.mechanism.rod import Rod
 from pcm_gym.mechanism.validation import finite_number, finite_tuple, instance_of, limit_pair, positive_number, shown
-
-
-@dataclass(frozen=True)
-class Rod:
-    """A slender, inextensible, initially straight elastic rod of constant cross-section.
-
-    Parameters
-    ----------
-    length : float
-        Length L in m, greater than 0.
-    bending_stiffness : float
-        EI in N m^2, greater than 0.
-    """
-
-    length: float = 1.0
-    bending_stiffness: float = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "length", positive_number("length", self.length))
-        object.__setattr__(self, "bending_stiffness", positive_number("bending_stiffness", self.bending_stiffness))
 
 
 @dataclass(frozen=True)
@@ -39,6 +20,8 @@ class Revolute:
         World angle of the clamp at input 0, in rad: the rod leaves at ``clamp_angle + input``.
     limits : (lower, upper)
         Range of the input, in rad.
+    greatest_torque : float, optional
+        Greatest moment that the motor gives, in N m, to either side; None where it is not limited.
 
     Attributes
     ----------
@@ -66,11 +49,19 @@ class Revolute:
     base: tuple[float, float]
     clamp_angle: float = 0.0
     limits: tuple[float, float] = (-3.141592653589793, 3.141592653589793)
+    greatest_torque: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+        if self.greatest_torque is not None:
+            object.__setattr__(self, "greatest_torque", positive_number("greatest_torque", self.greatest_torque))
+
+    @property
+    def greatest_effort(self) -> float | None:
+        """Greatest torque."""
+        return self.greatest_torque
 
     def clamp_point(self, value: float) -> tuple[float, float]:
         """Return the clamped point at an input: the base, whatever the angle."""
@@ -100,6 +91,8 @@ class Prismatic:
         World angle at which the rod leaves the clamp, in rad.
     limits : (lower, upper)
         Range of the input, in m.
+    greatest_force : float, optional
+        Greatest force that the slider gives, in N, to either side; None where it is not limited.
 
     Attributes
     ----------
@@ -122,12 +115,20 @@ class Prismatic:
     axis_angle: float
     clamp_angle: float
     limits: tuple[float, float] = (-0.5, 0.5)
+    greatest_force: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", finite_tuple("base", self.base, 2))
         object.__setattr__(self, "axis_angle", finite_number("axis_angle", self.axis_angle))
         object.__setattr__(self, "clamp_angle", finite_number("clamp_angle", self.clamp_angle))
         object.__setattr__(self, "limits", limit_pair("limits", self.limits))
+        if self.greatest_force is not None:
+            object.__setattr__(self, "greatest_force", positive_number("greatest_force", self.greatest_force))
+
+    @property
+    def greatest_effort(self) -> float | None:
+        """Greatest force."""
+        return self.greatest_force
 
     @property
     def axis(self) -> tuple[float, float]:
@@ -172,7 +173,7 @@ class Leg:
     """
 
     actuator: Actuator
-    rod: Rod = Rod()
+    rod: Rod = field(default_factory=Rod)
     attachment: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.statics import closure
-from pcm_gym.mechanism.leg import Leg, Rod
+from pcm_gym.mechanism.leg import Leg
+from pcm_gym.mechanism.rod import Rod
 from pcm_gym.mechanism.validation import finite_tuple, finite_vector, instance_of, sequence_of, shape_of, shown, text
 
 # Largest coordinate of a base in lengths of the shortest rod: there a length is known to about 1e-7 of it.

@@ -63,6 +63,11 @@ def number_not_negative(name: str, value: Any) -> float:
     return number
 
 
+def number_or_nan(name: str, value: Any) -> float:
+    """Return `value` as a float, nan where nothing is known; raise if it is no number that is at least zero."""
+    return math.nan if isinstance(value, float) and math.isnan(value) else number_not_negative(name, value)
+
+
 def limit_not_negative(name: str, value: Any) -> float:
     """Return `value` as a float, infinite where there is no limit; raise if it is no number that is at least zero."""
     return math.inf if isinstance(value, float) and value == math.inf else number_not_negative(name, value)

@@ -10,6 +10,7 @@ from pcm_gym.rendering.camera import Camera
 from pcm_gym.rendering.frame import FrameRenderer
 from pcm_gym.rendering.polylines import Polylines, equilibrium_polylines
 from pcm_gym.rendering.style import Style
+from pcm_gym.rendering.vector import equilibrium_svg
 
 __all__ = [
     "Camera",
@@ -17,5 +18,6 @@ __all__ = [
     "Polylines",
     "Style",
     "equilibrium_polylines",
+    "equilibrium_svg",
     "tile_frames",
 ]

@@ -4,10 +4,12 @@ Read `equilibrium` first, the value that all others take and return. `enumeratio
 a given pose (`solutions`: sets of them; `families`: those that are not isolated; `search_frame`: in which units;
 `certification`: the proof that a set is complete), and `home` chooses one.
 `tracking` follows one along a way (`path_certification`: the proof that it did), `relaxation` lets it fall,
-`fold_distance` measures how far it is from falling.
+`fold_distance` measures how far it is from falling in the inputs, `critical_load` in the loads (`fold_search`: how).
 `singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
 all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
-rasters (`raster`, `raster_states`, `atlas_file`). `progress` shows how far a search is.
+rasters (`raster`, `raster_states`, `atlas_file`). On roadmaps `planning` finds a `motion` (`motion_goals`: to where;
+`roadmap_search`: over which nodes; `straight_ways`: how it is shortened and verified). `progress` shows how far a
+search is.
 
 Symbols
 -------
@@ -25,12 +27,16 @@ from pcm_gym.solving.atlas_file import AtlasError
 from pcm_gym.solving.budget import SearchBudgetError, search_budget
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
+from pcm_gym.solving.critical_load import CriticalLoad, critical_load
 from pcm_gym.solving.crossings import Crossing, find_crossings
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
-from pcm_gym.solving.equilibrium import Equilibrium, RodState
+from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.limits import StructuralLimits
+from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.path_certification import PathCertificate, certify_path
+from pcm_gym.solving.planning import MotionPlanner, plan_motion
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
@@ -46,6 +52,7 @@ __all__ = [
     "Branch",
     "BranchTracker",
     "Certificate",
+    "CriticalLoad",
     "Crossing",
     "CurveEnd",
     "Equilibrium",
@@ -53,23 +60,30 @@ __all__ = [
     "Event",
     "Family",
     "FamilyKind",
+    "Motion",
+    "MotionPlanner",
     "NearestFold",
+    "Obstacle",
     "PathCertificate",
+    "PlanningError",
     "Raster",
     "RasterStates",
     "Region",
     "Roadmap",
+    "RodCrossing",
     "RodState",
     "SearchBudgetError",
     "SingularCurve",
     "Snap",
     "SnapStatus",
     "StableStates",
+    "StructuralLimits",
     "TrackedStep",
     "UndecidedRegion",
     "build_atlas",
     "build_roadmap",
     "certify_path",
+    "critical_load",
     "find_crossings",
     "find_falls",
     "forward_singularities",
@@ -77,6 +91,7 @@ __all__ = [
     "inverse_singularities",
     "load_atlas",
     "nearest_fold",
+    "plan_motion",
     "search_budget",
     "snap",
     "solve_forward",

@@ -24,6 +24,7 @@ from pcm_gym.mechanism.validation import (
 )
 from pcm_gym.solving.atlas_file import AtlasError, read_atlas, write_atlas
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.solving.raster import Raster, Region
 from pcm_gym.solving.raster_states import RasterStates
 from pcm_gym.solving.solutions import StableStates
@@ -68,7 +69,9 @@ class Atlas:
 
     `build_atlas` makes it, `save` keeps it, `load_atlas` brings it back. Two stable equilibria are on the same branch
     where a path of stable equilibria within the limits joins them. A branch may cover a pose several times (working
-    modes), and around a cusp also inputs. What is narrower than the pitch may be missing.
+    modes), and around a cusp also inputs. It holds what is met from its seeds: a branch that covers none of them, or is
+    narrower than the pitch, may be missing. That some stable equilibrium is there at a pose says little, that a branch
+    covers it says more: all branches of the 2RFR together cover just what both rods reach.
 
     Attributes
     ----------
@@ -81,6 +84,9 @@ class Atlas:
         Branch of the home equilibrium; None where there is none.
     over_inputs, over_poses : RasterStates
         All stable equilibria at the nodes of a raster of inputs, and of one of poses.
+    limits : tuple of "stress", "torque" or "contact"
+        Those of the structure that all of them keep: the usable workspace, see `StructuralLimits`. Two of one branch
+        may be joined only through equilibria that are left out.
     """
 
     mechanism: Mechanism
@@ -89,11 +95,13 @@ class Atlas:
     home_branch: int | None
     over_inputs: RasterStates
     over_poses: RasterStates
+    limits: tuple[LimitName, ...] = ()
 
     def __post_init__(self) -> None:
         mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         object.__setattr__(self, "load", mechanism.check_load(self.load))
         object.__setattr__(self, "rho_max", positive_number("rho_max", self.rho_max))
+        object.__setattr__(self, "limits", limits_of(mechanism, self.limits).names)
         for name in ("over_inputs", "over_poses"):
             if len(instance_of(name, getattr(self, name), RasterStates).raster.shape) != mechanism.dof:
                 raise ValueError(f"{name} must have {mechanism.dof} axes for mechanism {mechanism.name!r}")

@@ -40,6 +40,7 @@ def write_atlas(path: Path, content: Mapping[str, Any]) -> None:
         "load": content["load"],
         "rho_max": np.array(content["rho_max"]),
         "home_branch": np.array(-1 if content["home_branch"] is None else content["home_branch"]),
+        "limits": np.array(content["limits"], dtype=np.str_),
     }
     for name in ("over_inputs", "over_poses"):
         arrays |= _packed(name, content[name])
@@ -92,6 +93,7 @@ def _fields(arrays: Arrays) -> dict[str, Any]:
         "home_branch": None if home_branch < 0 else home_branch,
         "over_inputs": _unpacked("over_inputs", arrays),
         "over_poses": _unpacked("over_poses", arrays),
+        "limits": tuple(arrays["limits"].tolist()) if "limits" in arrays else (),
     }
 
 

@@ -16,6 +16,7 @@ from pcm_gym.solving.atlas import Atlas, flat_rasters
 from pcm_gym.solving.enumeration import solve_forward
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.home import home_equilibrium
+from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
 from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.raster import Raster
 from pcm_gym.solving.raster_states import RasterStates
@@ -55,6 +56,7 @@ def build_atlas(
     rho_max: float = 9.0,
     *,
     progress: bool = True,
+    limits: Sequence[LimitName] = (),
     **resolution: Unpack[Resolution],
 ) -> Atlas:
     """Return the atlas of a mechanism: its stable equilibria over inputs and poses, branch by branch.
@@ -68,6 +70,9 @@ def build_atlas(
         Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
     progress : bool
         Whether to show progress on standard error.
+    limits : sequence of "stress", "torque" or "contact"
+        Equilibria that break a limit of the structure are left out, see `StructuralLimits`: what remains is the usable
+        workspace. Branches are those of all stable equilibria.
     pitch : float, optional
         Pitch of the raster of positions, m: by default 1/200 of the mean rod length, for a platform 1/100. A platform's
         angle has cells of 3 degrees.
@@ -100,6 +105,7 @@ def build_atlas(
     truth_value("progress", progress)
     load = mechanism.check_load(load)
     chart = _Chart(mechanism, load, positive_number("rho_max", rho_max), over_inputs, over_poses)
+    structure = limits_of(mechanism, limits)
     with progress_bars("atlas", progress) as bars:
         home = chart.plant(_home(chart))
         for inputs in bars.track(seeds.all_nodes, description="seeds"):
@@ -108,7 +114,7 @@ def build_atlas(
         while chart.is_growing:
             chart.flood(_EXPANDED_AT_ONCE)
             bars.update(filled, total=int(chart.pool.counts[0]), completed=int(chart.pool.counts[1]))
-    return chart.atlas(home)
+    return chart.atlas(home, structure)
 
 
 class _Chart:
@@ -150,24 +156,29 @@ class _Chart:
             grown = {name: np.resize(row, (2 * capacity + count, *row.shape[1:])) for name, row in rows.items()}
             self.pool = flood.Pool(**grown, **shared)
 
-    def atlas(self, home: int) -> Atlas:
-        """Return what was found; `home` is a state of the home branch, or -1."""
+    def atlas(self, home: int, structure: StructuralLimits) -> Atlas:
+        """Return what was found and keeps the limits; `home` is a state of the home branch, or -1."""
         count = int(self.pool.counts[0])
-        if count == 0:
+        is_kept = structure.are_kept(self.pool.x[:count], self.pool.inputs[:count])
+        if not is_kept.any():
+            within = f" within the limits {structure.names}" if structure else ""
             raise ValueError(
-                f"mechanism {self.mechanism.name!r} has no stable equilibrium with every rho <= {self.rho_max:g} "
-                "at any of the inputs where one was sought"
+                f"mechanism {self.mechanism.name!r} has no stable equilibrium with every rho <= {self.rho_max:g}"
+                f"{within} at any of the inputs where one was sought"
             )
         energies = flood.settle(self.charted.legs, self.charted.load, self.pool) * self.mechanism.units.energy
         is_input = self.pool.cell[:count] < self.over_inputs.size
-        branches = _numbered(self.pool.parent[:count], is_input)
+        branches = _numbered(self.pool.parent[:count], is_input, is_kept)
         return Atlas(
             self.mechanism,
             self.load,
             self.rho_max,
-            None if home < 0 else int(branches[home]),
-            self._sheets(self.over_inputs, np.flatnonzero(is_input), 0, branches, energies),
-            self._sheets(self.over_poses, np.flatnonzero(~is_input), self.over_inputs.size, branches, energies),
+            None if home < 0 or branches[home] < 0 else int(branches[home]),
+            self._sheets(self.over_inputs, np.flatnonzero(is_input & is_kept), 0, branches, energies),
+            self._sheets(
+                self.over_poses, np.flatnonzero(~is_input & is_kept), self.over_inputs.size, branches, energies
+            ),
+            structure.names,
         )
 
     def _sheets(
@@ -204,13 +215,17 @@ def _make_pool(mechanism: Mechanism, cells: int) -> flood.Pool:
     )
 
 
-def _numbered(roots: Integers, is_input: Mask) -> NDArray[np.int32]:
-    """Return branch numbers from representatives: the most poses first, then the most inputs."""
+def _numbered(roots: Integers, is_input: Mask, is_kept: Mask) -> NDArray[np.int32]:
+    """Return branch numbers from representatives: the most poses first, then the most inputs; -1 for none that is kept.
+
+    Those that are not kept count for nothing.
+    """
     kinds, members = np.unique(roots, return_inverse=True)
-    pose_counts = np.bincount(members[~is_input], minlength=len(kinds))
-    input_counts = np.bincount(members[is_input], minlength=len(kinds))
+    pose_counts = np.bincount(members[~is_input & is_kept], minlength=len(kinds))
+    input_counts = np.bincount(members[is_input & is_kept], minlength=len(kinds))
     ranks = np.empty(len(kinds), dtype=np.int32)
     ranks[np.lexsort((-input_counts, -pose_counts))] = np.arange(len(kinds))
+    ranks[pose_counts + input_counts == 0] = -1
     return ranks[members]
 
 

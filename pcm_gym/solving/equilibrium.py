@@ -10,11 +10,23 @@ import numpy as np
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.enumeration.linearisation import linearised
 from pcm_gym.kernels.statics.equilibrium import describe_equilibrium, set_world_shapes
+from pcm_gym.kernels.structure.contact import CROSSING_COLUMNS, find_crossings
+from pcm_gym.kernels.structure.strength import set_strengths
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.leg import Actuator
-from pcm_gym.mechanism.validation import finite_number, finite_vector, instance_of, whole_number
+from pcm_gym.mechanism.validation import (
+    finite_number,
+    finite_vector,
+    instance_of,
+    number_not_negative,
+    number_or_nan,
+    whole_number,
+)
 
 _MOST_POINTS = 1_000_000
+
+# Room for crossings of the parts of a mechanism at first; there is more where that is not enough.
+_CROSSINGS = 64
 
 # Singular values below this part of the largest one are zero but for rounding.
 _ROUNDING = 1e-13
@@ -35,7 +47,12 @@ class RodState:
     rho : float
         Dimensionless load L sqrt(|force| / EI).
     force : array (2,)
-        Force of the end-effector on the rod's tip, world frame, in N.
+        Force of the end-effector on the rod's tip, world frame, in N: what the hinge carries, which bears no moment.
+    largest_curvature : float
+        Greatest magnitude of the curvature anywhere along the rod, 1/m, in closed form: 2 rho |k| / L where the rod is
+        at least a quarter wave long (rho > K), and that at the clamp where it is shorter.
+    stress_ratio : float
+        Greatest bending stress over the yield stress of the rod's material; nan without section and material.
     """
 
     modulus: float
@@ -43,16 +60,23 @@ class RodState:
     mode: int
     rho: float
     force: Array
+    largest_curvature: float
+    stress_ratio: float = math.nan
 
     def __post_init__(self) -> None:
         for name in ("modulus", "psi", "rho"):
             object.__setattr__(self, name, finite_number(name, getattr(self, name)))
+        curvature = number_not_negative("largest_curvature", self.largest_curvature)
+        object.__setattr__(self, "largest_curvature", curvature)
+        object.__setattr__(self, "stress_ratio", number_or_nan("stress_ratio", self.stress_ratio))
         object.__setattr__(self, "mode", whole_number("mode", self.mode, least=1))
         object.__setattr__(self, "force", _frozen(finite_vector("force", self.force, 2)))
 
     @property
-    def _key(self) -> tuple[float, ...]:
-        return self.modulus, self.psi, self.mode, self.rho, *self.force.tolist()
+    def _key(self) -> tuple[float | None, ...]:
+        stress = None if math.isnan(self.stress_ratio) else self.stress_ratio  # nan is not even equal to itself
+        numbers = self.modulus, self.psi, self.mode, self.rho, *self.force.tolist(), self.largest_curvature
+        return (*numbers, stress)
 
     def __eq__(self, other: object) -> bool:
         """Return whether `other` is a rod in the same state."""
@@ -61,6 +85,25 @@ class RodState:
     def __hash__(self) -> int:
         """Return the hash of what makes rods equal."""
         return hash(self._key)
+
+
+class RodCrossing(NamedTuple):
+    """Where two parts of a mechanism cross, or one rod itself.
+
+    Attributes
+    ----------
+    legs : (int, int)
+        Numbers of the two parts, the lesser first; the same twice where a rod crosses itself. Below the number of legs
+        they are rods. Edge k of a platform, from hinge k to the next one, has the number ``leg_count + k``.
+    arc_lengths : (float, float)
+        How far along each part the place is, in m: from a rod's base, or from the hinge at which an edge begins.
+    place : (float, float)
+        World coordinates in m.
+    """
+
+    legs: tuple[int, int]
+    arc_lengths: tuple[float, float]
+    place: tuple[float, float]
 
 
 class _Facts(NamedTuple):
@@ -155,10 +198,53 @@ class Equilibrium:
     @cached_property
     def rods(self) -> tuple[RodState, ...]:
         """The rods in the paper's parameters, one per leg."""
-        rods, force_unit = self._facts.rods, self.mechanism.units.force
+        rods, units = self._facts.rods, self.mechanism.units
+        curvatures = (self._strength[0] / units.length).tolist()
+        stresses = (leg.rod.stress_ratio(own) for leg, own in zip(self.mechanism.legs, curvatures, strict=True))
         return tuple(
-            RodState(modulus, psi, int(mode), rho, force * force_unit)
-            for (modulus, psi, mode, rho), force in zip(rods[:, :4].tolist(), rods[:, 4:], strict=True)
+            RodState(modulus, psi, int(mode), rho, force * units.force, curvature, stress)
+            for (modulus, psi, mode, rho), force, curvature, stress in zip(
+                rods[:, :4].tolist(), rods[:, 4:], curvatures, stresses, strict=True
+            )
+        )
+
+    @cached_property
+    def _strength(self) -> tuple[Array, Array]:
+        """Each rod's largest curvature and each actuator's force, dimensionless, (legs,) each."""
+        state, inputs, _ = self.kernel_values()
+        curvatures, forces = np.empty((2, 1, self.mechanism.leg_count))
+        set_strengths(self.mechanism.leg_table, state[None], inputs[None], curvatures, forces)
+        return curvatures[0], forces[0]
+
+    @property
+    def actuator_forces(self) -> Array:
+        """What each actuator must give, (legs,), a motor's moment in N m and a slider's force in N.
+
+        The derivative of `energy` by the input, at a constant load: positive where the actuator must push towards
+        larger inputs to hold the mechanism. With p the tip seen from the clamp, f the force on it and a the axis it is
+        -p x f of a motor and -a . f of a slider.
+        """
+        units = self.mechanism.units
+        return self._strength[1] * (units.energy / units.inputs)
+
+    @cached_property
+    def crossings(self) -> tuple[RodCrossing, ...]:
+        """Where rods cross themselves, each other or the edges of the platform: every place, exact to rounding.
+
+        In closed form of a rod with itself; of two parts by halving both until they are apart, or cross once at most,
+        with the largest curvature as bound, and by Newton's method on the closed form then. Only where they touch is
+        one missed. Parts that share a hinge do not cross there. The rods are lines: their thickness is left out.
+        """
+        state, inputs, _ = self.kernel_values()
+        room, count = 0, _CROSSINGS
+        while count > room:
+            room = count
+            found = np.empty((room, CROSSING_COLUMNS))
+            count = find_crossings(self.mechanism.leg_table, state, inputs, found)
+        found[:count, 2:] *= self.mechanism.units.length
+        return tuple(
+            RodCrossing((int(first), int(second)), (arc, other_arc), (x, y))
+            for first, second, arc, other_arc, x, y in found[:count].tolist()
         )
 
     @property
@@ -207,8 +293,9 @@ class Equilibrium:
         """About how far, in input space, the nearest fold is, in rad and mean rod lengths; zero exactly at a fold.
 
         The cheap stand-in for `nearest_fold`. It extrapolates the squared eigenvalues of the stiffness, which are
-        linear in the inputs near a fold, to zero: exact in the limit, and within a factor of a few in general. Where no
-        fold is near it means nothing but that; it is at most 10.
+        linear in the inputs near a fold, to zero: exact in the limit. Elsewhere it errs to both sides, by
+        several times at worst, and proves nothing; ``python -m benchmarks margins`` says how often it misleads. Where
+        no fold is near it means nothing but that; it is at most 10.
         """
         return self._facts.singularity_margin
 

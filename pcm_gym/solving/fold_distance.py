@@ -13,14 +13,7 @@ from pcm_gym.kernels.statics.closure import LOWER, UPPER
 from pcm_gym.kernels.statics.states import Point
 from pcm_gym.mechanism.validation import check_kinds, instance_of, positive_number
 from pcm_gym.solving.equilibrium import Equilibrium
-
-_RAYS = 128
-# Rays much longer than the best so far are not tracked to their end.
-_LONGEST = 1.5
-_BEST_RAYS = 5
-_DESCENT_STEPS, _HALVINGS = 100, 12
-_DIRECTION_TOLERANCE = 1e-7
-_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+from pcm_gym.solving.fold_search import Hit, Space, nearest_hit
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,38 +73,29 @@ def nearest_fold(equilibrium: Equilibrium, reach: float | None = None) -> Neares
         mechanism = equilibrium.mechanism
         ranges = mechanism.units.kernel_from_inputs(mechanism.upper_limits - mechanism.lower_limits)
         reach = float(np.linalg.norm(ranges))
-    return _Search(equilibrium, positive_number("reach", reach)).run()
+    return _Search(equilibrium).run(positive_number("reach", reach))
 
 
 class _Search:
-    """The rays from one equilibrium, in dimensionless numbers."""
+    """The rays of inputs from one equilibrium, in dimensionless numbers."""
 
-    def __init__(self, equilibrium: Equilibrium, reach: float) -> None:
+    def __init__(self, equilibrium: Equilibrium) -> None:
         mechanism = equilibrium.mechanism
-        self._start, self._reach = equilibrium, reach
+        self._start = equilibrium
         self._legs = mechanism.leg_table.copy()
         self._legs[:, LOWER], self._legs[:, UPPER] = -math.inf, math.inf
         _, self._inputs, self._load = equilibrium.kernel_values()
 
-    def run(self) -> NearestFold | None:
-        hits, reach = [], self._reach
-        for ray in _directions(len(self._inputs)):
-            hit = self._shoot(ray, reach)
-            if hit is not None:
-                hits.append(hit)
-                reach = min(reach, _LONGEST * hit[0])
-        if not hits:
+    def run(self, reach: float) -> NearestFold | None:
+        mechanism, load = self._start.mechanism, self._start.load
+        hit = nearest_hit(Space(len(self._inputs), self._shoot, self._normal), reach)
+        if hit is None:
             return None
-        hits.sort(key=lambda hit: hit[0])
-        distance, unknowns = min((self._descend(*hit) for hit in hits[:_BEST_RAYS]), key=lambda hit: hit[0])
-        mechanism, size = self._start.mechanism, self._start.mechanism.state_size
-        inputs = mechanism.units.inputs_from_kernel(unknowns[size:])
-        direction = (unknowns[size:] - self._inputs) / distance
-        fold = Equilibrium.unchecked(mechanism, unknowns[:size], inputs, self._start.load)
-        return NearestFold(fold, distance, direction)
+        inputs = mechanism.units.inputs_from_kernel(hit.parameters)
+        fold = Equilibrium.unchecked(mechanism, hit.state, inputs, load)
+        return NearestFold(fold, hit.distance, hit.direction)
 
-    def _shoot(self, direction: Array, reach: float) -> tuple[float, Array] | None:
-        """Return distance and unknowns of the first fold along a unit vector of inputs."""
+    def _shoot(self, direction: Array, reach: float) -> Hit | None:
         point = Point(np.array(self._start.state), self._inputs.copy(), self._load.copy())
         event, _ = follow_branch(self._legs, point, self._inputs + reach * direction, self._load, False)
         if event not in (FOLD, INDEX_CHANGE):
@@ -123,42 +107,12 @@ class _Search:
         problem = Problem(self._load, across[:-1], box, math.inf, FORWARD, True)
         if not polish(self._legs, unknowns, across[-1], problem):
             return None
-        return float(np.linalg.norm(unknowns[size:] - self._inputs)), unknowns
+        way = unknowns[size:] - self._inputs
+        distance = float(np.linalg.norm(way))
+        return Hit(distance, way / distance, unknowns[:size], unknowns[size:])
 
-    def _descend(self, distance: float, unknowns: Array) -> tuple[float, Array]:
-        """Turn the ray to this fold towards the fold's normal as long as that makes it shorter."""
-        for _ in range(_DESCENT_STEPS):
-            direction = (unknowns[-len(self._inputs) :] - self._inputs) / distance
-            normal = normal_at(self._legs, unknowns, FORWARD)
-            turn = math.copysign(1.0, float(normal @ direction)) * normal - direction
-            if np.linalg.norm(turn) < _DIRECTION_TOLERANCE:
-                break
-            shorter = self._shorter(distance, direction, turn)
-            if shorter is None:
-                break
-            distance, unknowns = shorter
-        return distance, unknowns
-
-    def _shorter(self, distance: float, direction: Array, turn: Array) -> tuple[float, Array] | None:
-        part = 1.0
-        for _ in range(_HALVINGS):
-            trial = direction + part * turn
-            hit = self._shoot(trial / np.linalg.norm(trial), 1.5 * distance)
-            if hit is not None and hit[0] < distance:
-                return hit
-            part *= 0.5
-        return None
-
-
-def _directions(count: int) -> Array:
-    """Return unit vectors (m, count) spread over the circle or the sphere."""
-    number = np.arange(_RAYS, dtype=np.float64)
-    if count == 2:
-        angles = 2.0 * math.pi * (number + 0.25) / _RAYS
-        return np.column_stack([np.cos(angles), np.sin(angles)])
-    height = 1.0 - (2.0 * number + 1.0) / _RAYS
-    angles, radius = _GOLDEN_ANGLE * number, np.sqrt(1.0 - height * height)
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), height])
+    def _normal(self, hit: Hit) -> Array:
+        return normal_at(self._legs, np.concatenate([hit.state, hit.parameters]), FORWARD)
 
 
 def _complement(direction: Array) -> Array:

@@ -101,7 +101,8 @@ def snap(equilibrium: Equilibrium) -> Snap:
     pitchfork of a symmetric mechanism, it is a choice: the side on which the tip of the first rod that moves turns
     counter-clockwise. The same equilibrium always gives the same landing.
 
-    Near the border between two basins the landing depends on the law of damping, which no static theory knows:
+    That the motion is overdamped is a convention: rods with little damping overshoot, and may land elsewhere. Near the
+    border between two basins the landing depends on the law of damping, which no static theory knows:
     ``python -m benchmarks.snaps`` compares with chains of links, and with such as resist turning instead of motion.
     Of 400 falls, 3 ended elsewhere under that other law.
 

@@ -1,7 +1,7 @@
 """Roadmaps: where a mechanism can go without losing stability, as a graph."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +27,7 @@ from pcm_gym.mechanism.validation import (
     whole_number,
 )
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.solving.raster import Raster
 
 _FIRST_CAPACITY = 1 << 14
@@ -182,6 +183,7 @@ def build_roadmap(
     *,
     step: ArrayLike | None = None,
     least_margin: float = 0.0,
+    limits: Sequence[LimitName] = (),
 ) -> Roadmap:
     """Return the roadmap of all that stable paths reach from some equilibria, within the actuators' limits.
 
@@ -195,16 +197,20 @@ def build_roadmap(
     least_margin : float
         Singularity margin that every node keeps, in rad and mean rod lengths. Half way between two nodes it is at least
         two thirds of that.
+    limits : sequence of "stress", "torque" or "contact"
+        Nodes that break a limit of the structure are left out, and those that are reached through such alone; see
+        `StructuralLimits`.
 
     Returns
     -------
     Roadmap
-        Without nodes where no seed keeps the margin.
+        Without nodes where no seed keeps the margin and the limits.
 
     Raises
     ------
     ValueError
-        If a seed is not stable, of another mechanism or under another load, or an argument has the wrong shape.
+        If a seed is not stable, of another mechanism or under another load, an argument has the wrong shape, or the
+        mechanism lacks what a limit takes.
 
     Notes
     -----
@@ -213,6 +219,7 @@ def build_roadmap(
     instance_of("mechanism", mechanism, Mechanism)
     seeds = sequence_of("seeds", seeds, Equilibrium)
     load, least_margin = _load_of(mechanism, seeds), number_not_negative("least_margin", least_margin)
+    structure = limits_of(mechanism, limits)
     raster = roadmap_raster(mechanism, None if step is None else finite_vector("step", step, mechanism.leg_count))
     units, legs = mechanism.units, mechanism.leg_table
     rasters = Rasters(
@@ -230,7 +237,7 @@ def build_roadmap(
         nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
         kernels.grow(legs, rasters, nodes, sown, least_margin, _EXPANDED_AT_ONCE, planted[:0])
     count = int(nodes.counts[0])
-    return Roadmap(
+    grown = Roadmap(
         mechanism,
         load,
         least_margin,
@@ -241,6 +248,27 @@ def build_roadmap(
         nodes.ways[:count].copy(),
         tuple(planted.tolist()),
     )
+    return _reached_within(grown, structure.are_kept(grown.states, nodes.states.inputs[:count])) if structure else grown
+
+
+def _reached_within(roadmap: Roadmap, is_kept: Mask) -> Roadmap:
+    """Return the part of a roadmap that its seeds reach through nodes (n,) that are kept."""
+
+    def renumbered(chosen: Mask) -> tuple[Integers, Integers]:
+        numbers = np.full(len(chosen) + 1, -1)  # the last one for no node, -1
+        numbers[:-1][chosen] = np.arange(np.count_nonzero(chosen))
+        return numbers[roadmap.ways[chosen]], numbers[np.array(roadmap.seeds, dtype=np.int64)]
+
+    def part(chosen: Mask) -> Roadmap:
+        ways, seeds = renumbered(chosen)
+        states, inputs, cells = roadmap.states[chosen], roadmap.inputs[chosen], roadmap.cells[chosen]
+        return replace(roadmap, states=states, inputs=inputs, cells=cells, ways=ways, seeds=tuple(seeds.tolist()))
+
+    kept = part(is_kept)
+    planted = [seed for seed in kept.seeds if seed >= 0]
+    is_reached = is_kept.copy()
+    is_reached[is_kept] = np.isin(kept.components, kept.components[planted]) if len(kept) else False
+    return part(is_reached)
 
 
 def find_falls(roadmap: Roadmap, most: int = 64) -> Integers:

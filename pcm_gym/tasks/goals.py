@@ -43,7 +43,7 @@ class Goals:
 
     Reward
     ------
-    - "dense": `(max(0, 1 - e) + exp(-e / 0.05)) / 2`. One half grows over the whole workspace, the other near the goal.
+    - "dense": `(1 / (1 + e) + exp(-e / 0.05)) / 2`. One half grows wherever the goal comes nearer, the other near it.
     - "sparse": 1 within `success_distance` of the goal, else 0.
 
     Attributes
@@ -74,7 +74,7 @@ class Goals:
         arm = math.fsum(squares) / len(squares) / self.mechanism.units.length**2
         pose = [1.0, 1.0, arm, arm][self._pose]
         inputs = [_INPUT_WEIGHT**2] * (self.mechanism.leg_count if self.with_inputs else 0)
-        return Scale(np.array(pose + inputs), self.tolerance, self.reward_type == "sparse")
+        return Scale(np.array(pose + inputs), self.tolerance, self.reward_type == "sparse", False)
 
     @property
     def tolerance(self) -> float:
@@ -148,3 +148,9 @@ class Goals:
         desired = finite_array("desired", desired, achieved.shape)
         rewards, distances = score_goals(achieved, desired, self.scale)
         return rewards, distances <= self.tolerance
+
+    def distance(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Return the distances (n,) in m of achieved from desired goals (n, g)."""
+        achieved = finite_array("achieved", achieved, ("n", self.size))
+        desired = finite_array("desired", desired, achieved.shape)
+        return score_goals(achieved, desired, self.scale)[1] * self.mechanism.units.length

@@ -81,12 +81,13 @@ class Layout:
 
 
 def feature_layout(mechanism: Mechanism) -> Layout:
-    """Return where the kernels put the features of a state: pose, inputs, rods, is_stable and margins."""
+    """Return where the kernels put the features of a state: pose, inputs, rods, efforts, is_stable and margins."""
     layout = Layout(
         (
             Part("pose", pose_elements(mechanism), is_measured=True),
             Part("inputs", _clamp_elements(mechanism), is_measured=True),
             Part("rods", _rod_elements(mechanism), is_measured=True),
+            Part("efforts", _effort_elements(mechanism), is_measured=True),
             Part("is_stable", (_STABILITY_ELEMENT,)),
             Part("margins", _MARGIN_ELEMENTS),
         )
@@ -188,6 +189,15 @@ def pose_reach(mechanism: Mechanism) -> float:
         own = math.hypot(*actuator.base) + travel + leg.rod.length + math.hypot(*leg.attachment)
         reach = min(reach, own)
     return reach / mechanism.units.length
+
+
+def _effort_elements(mechanism: Mechanism) -> tuple[Element, ...]:
+    """Return the elements that tell what the actuators give."""
+    scale = f"t / ({LOAD_SCALE:g} + |t|)"
+    return tuple(
+        Element(f"effort_{n}", f"{scale}, t = {what} of actuator {n}, dimensionless", "1", -1.0, 1.0)
+        for n, what in enumerate(("torque" if leg.actuator.is_angle else "force" for leg in mechanism.legs), start=1)
+    )
 
 
 def box_of(elements: Sequence[Element]) -> spaces.Box:

@@ -1,28 +1,26 @@
 """Reach: bring the end-effector to a goal pose and keep it there, on stable equilibria only."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from pcm_gym.arrays import Integers, Mask
-from pcm_gym.kernels.charts.roadmap import move_rows
-from pcm_gym.kernels.snaps.instability import TERMINATE
+from pcm_gym.arrays import Mask
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism.validation import one_of
+from pcm_gym.tasks.distances import distances
 from pcm_gym.tasks.memory import remembered
-from pcm_gym.tasks.scene import Scene, nodes_by_sums
-from pcm_gym.tasks.task import Episodes, Generators, Task, check_sampling, draw, starts_of
+from pcm_gym.tasks.scene import Scene
+from pcm_gym.tasks.task import Episodes, Generators, Task, check_sampling, draw, draw_until, starts_of
 
-ReachDifficulty = Literal["near", "anywhere", "detour"]
+ReachDifficulty = Literal["near", "anywhere", "detour", "rig"]
 
 # Steps of the walk from start to a near goal.
 _WALK_STEPS = (5, 15)
-# Goals at which the start is already are drawn again so many times; after some of them together with the start, from
-# which there may be nowhere to walk to.
-_ATTEMPTS, _ATTEMPTS_AT_START = 16, 4
-# Starts from which detours are sought, goals tried from each, and the most steps of a detour.
-_DETOUR_STARTS, _DETOUR_GOALS, _LONGEST_DETOUR = 48, 96, 80
+# The most steps that a planner needs to a goal.
+_LONGEST = 80.0
+# Pairs that are looked at for detours, and the least share of them without which there is no such task.
+_TRIED, _LEAST_SHARE = 512, 0.02
 
 
 @dataclass(frozen=True)
@@ -32,94 +30,80 @@ class Reach(Task):
     Starts and goals
     ----------------
     Starts are spread evenly over the poses that stable paths from home reach. Goals are where `difficulty` says, and
-    not met at the start; a way without any cost leads to them.
+    not met at the start; a way without any cost leads to them, of at most 80 steps of a planner.
 
     Attributes
     ----------
     goals : Goals
-    difficulty : "near", "anywhere" or "detour"
-        Where the goals are. Near: 5 to 15 straight steps from the start, fewer where more would lose stability.
-        Anywhere: evenly over the poses that stable paths reach. Detour: where the straight way of the inputs loses
-        stability, but another way, of up to 80 steps, does not; refused for mechanisms without such goals.
+    difficulty : "anywhere", "near", "detour" or "rig"
+        Where the goals are. Anywhere: evenly over the poses that stable paths reach. Near, the easy tier: 5 to 15
+        straight steps from the start, fewer where more would lose stability. Detour: where the straight way of the
+        inputs does not lead, but another way does; refused for mechanisms with hardly any such goals. Rig: such goals
+        too, or any where there are none, with what a real rig adds, see `pcm_gym.environments.rig`.
     """
 
-    difficulty: ReachDifficulty = "near"
+    has_split: ClassVar[bool] = True
+
+    difficulty: ReachDifficulty = "anywhere"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("difficulty", self.difficulty, ("near", "anywhere", "detour"))
+        one_of("difficulty", self.difficulty, get_args(ReachDifficulty))
 
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes whose starts are spread evenly, and whose goals can be reached without any cost."""
         check_sampling(scene, generators, threads)
-        if self.difficulty == "detour":
-            return self._detours(scene, generators)
-        start = starts_of(scene, generators, threads)
-        ends = States(*(array.copy() for array in start))
-        rows = np.arange(len(generators))
-        for attempt in range(_ATTEMPTS):
-            chosen = [generators[row] for row in rows.tolist()]
-            if attempt >= _ATTEMPTS_AT_START:
-                _put(starts_of(scene, chosen, threads), start, rows)
-            found = self._ends(scene, States(*(array[rows] for array in start)), chosen, threads)
-            _put(found, ends, rows)
-            rows = rows[self._at_goal(start, ends, rows)]
-            if not len(rows):
-                break
-        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
+        if self.difficulty == "detour" and detour_share(scene) < _LEAST_SHARE:
+            raise ValueError(
+                f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: straight ways within the "
+                f"limits lead to {100.0 * (1.0 - detour_share(scene)):.1f} % of {_TRIED} goals"
+            )
 
-    def _ends(self, scene: Scene, start: States, generators: Generators, threads: int) -> States:
-        """Return the states at which goals are met, drawn for these starts; `start` may be changed."""
-        numbers = draw(generators, 1 + scene.mechanism.leg_count)
-        if self.difficulty == "anywhere":
-            return scene.starts(numbers, threads)
-        scene.walk(start, numbers, _WALK_STEPS, threads)
-        return start
+        def drawn(chosen: Generators) -> tuple[Episodes, Mask]:
+            start, ends, is_fit = self._pairs(scene, chosen, threads)
+            here, there = (self.goals.of_states(states.x, states.inputs) for states in (start, ends))
+            return Episodes(start, there[:, None], ends), is_fit & ~self._scored(here, there)[1]
 
-    def _at_goal(self, start: States, ends: States, rows: Integers) -> Mask:
-        """Return in which of some rows the start is at the goal already."""
-        here, there = (self.goals.of_states(states.x[rows], states.inputs[rows]) for states in (start, ends))
-        return self.score(here, there)[1]
+        what = f"difficulty {self.difficulty!r} and success_distance {self.goals.success_distance} must leave goals"
+        return draw_until(drawn, generators, f"{what} that are not met at the start")
 
-    def _detours(self, scene: Scene, generators: Generators) -> Episodes:
-        pairs = detours(scene)
-        chosen = pairs[(draw(generators, 1)[:, 0] * len(pairs)).astype(np.int64)]
-        start = scene.at_nodes(chosen[:, 0])
-        if scene.origin is not None:
-            start = scene.at_equilibrium(scene.origin, len(generators))
-        ends = scene.at_nodes(chosen[:, 1])
-        return Episodes(start, self.goals.of_states(ends.x, ends.inputs)[:, None], ends)
+    def _wants_detours(self, scene: Scene) -> bool:
+        return self.difficulty == "detour" or (self.difficulty == "rig" and detour_share(scene) >= _LEAST_SHARE)
+
+    def _pairs(self, scene: Scene, generators: Generators, threads: int) -> tuple[States, States, Mask]:
+        """Return starts, ends, and which of them are of the kind wanted."""
+        if self.difficulty == "near":
+            start = starts_of(scene, generators, threads)
+            ends = States(*(array.copy() for array in start))
+            scene.walk(ends, draw(generators, 1 + scene.mechanism.leg_count), _WALK_STEPS, threads)
+            return start, ends, np.ones(len(generators), dtype=np.bool_)
+        start, ends, is_fit = anywhere(scene, generators, threads)
+        if self._wants_detours(scene):
+            rows = np.flatnonzero(is_fit)
+            here, there = (States(*(array[rows] for array in states)) for states in (start, ends))
+            is_fit[rows] = ~scene.leads_straight(here, there, threads)
+        return start, ends, is_fit
 
 
-def _put(found: States, states: States, rows: Integers) -> None:
-    for array, values in zip(states, found, strict=True):
-        array[rows] = values
+def anywhere(scene: Scene, generators: Generators, threads: int) -> tuple[States, States, Mask]:
+    """Return starts and ends spread evenly over what stable ways reach, and which are near enough to each other."""
+    count, legs, roadmap = len(generators), scene.mechanism.leg_count, scene.roadmap
+    numbers = draw(generators, 2 + 2 * legs)
+    goals = scene.nodes(numbers[:, 0])
+    ends = scene.beside(goals, numbers[:, 1 : 1 + legs], threads)
+    if scene.origin is not None:
+        starts, start = np.full(count, roadmap.seeds[0]), scene.at_equilibrium(scene.origin, count)
+    else:
+        starts = scene.nodes(numbers[:, 1 + legs])
+        start = scene.beside(starts, numbers[:, 2 + legs :], threads)
+    # each is up to half a way off its node
+    own = distances(scene)
+    return start, ends, own.most(starts, goals) + own.steps_per_way <= _LONGEST
 
 
 @remembered
-def detours(scene: Scene) -> Integers:
-    """Return pairs (n, 2) of nodes of the roadmap between which a detour is needed, and exists.
-
-    Raises
-    ------
-    ValueError
-        If none is found.
-    """
-    roadmap, numbers = scene.roadmap, np.random.default_rng(0)
-    densities = roadmap.pose_densities
-    starts = np.array(roadmap.seeds)
-    if scene.origin is None:
-        starts = nodes_by_sums(roadmap.pose_density_sums, numbers.random(_DETOUR_STARTS))
-    count = _DETOUR_STARTS * _DETOUR_GOALS // len(starts)
-    steps, _ = roadmap.step_counts(starts, most=_LONGEST_DETOUR / scene.steps_per_way)
-    goals = np.stack([nodes_by_sums(np.cumsum(densities * np.isfinite(row)), numbers.random(count)) for row in steps])
-    pairs = np.column_stack([np.repeat(starts, count), goals.ravel()])
-    moved, targets = scene.at_nodes(pairs[:, 0]), scene.at_nodes(pairs[:, 1]).inputs
-    has_arrived, was_lost = move_rows(scene.mechanism.leg_table, moved, targets, TERMINATE)
-    found = pairs[was_lost | ~has_arrived]
-    if not len(found):
-        raise ValueError(
-            f"difficulty must not be 'detour' for mechanism {scene.mechanism.name!r}: "
-            "every straight way within the limits that was tried keeps stability"
-        )
-    return found
+def detour_share(scene: Scene) -> float:
+    """Return the share of the goals anywhere to which no straight way leads, of some that are tried."""
+    generators = [np.random.default_rng([0, n]) for n in range(_TRIED)]
+    start, ends, is_fit = anywhere(scene, generators, 1)
+    return float(np.mean(is_fit & ~scene.leads_straight(start, ends)))

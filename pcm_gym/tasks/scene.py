@@ -7,9 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array, Integers
+from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.charts.roadmap import move_rows
 from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
+from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -22,6 +24,7 @@ from pcm_gym.mechanism.validation import (
     whole_number,
 )
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
+from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
 from pcm_gym.solving.roadmap import roadmap_raster
 from pcm_gym.tasks.memory import remembered
 
@@ -30,6 +33,8 @@ _LIMIT_RESERVE = 2.0
 # Starts and goals keep this many times the margin below which a state counts as nearly singular.
 _RESERVE = 1.5
 _MOST_ROWS = 10_000_000
+# States that differ by less, in every number, are the same equilibrium.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class Scene:
     origin : Equilibrium, optional
         A stable equilibrium under this load from which all episodes begin; by default they begin anywhere that stable
         paths reach from home.
+    limits : tuple of "stress", "torque" or "contact"
+        Limits of the structure that starts, goals, and the ways between them keep, see `pcm_gym.StructuralLimits`.
     """
 
     mechanism: Mechanism
@@ -57,12 +64,14 @@ class Scene:
     stride: tuple[float, ...]
     margin: float
     origin: Equilibrium | None = None
+    limits: tuple[LimitName, ...] = ()
 
     def __post_init__(self) -> None:
         mechanism = instance_of("mechanism", self.mechanism, Mechanism)
         object.__setattr__(self, "load", finite_tuple("load", self.load, mechanism.dof))
         object.__setattr__(self, "stride", finite_tuple("stride", self.stride, mechanism.leg_count))
         object.__setattr__(self, "margin", number_not_negative("margin", self.margin))
+        object.__setattr__(self, "limits", limits_of(mechanism, self.limits).names)
         if min(self.stride) <= 0.0:
             raise ValueError(f"stride must be greater than 0, got {self.stride}")
         if self.origin is not None and instance_of("origin", self.origin, Equilibrium).mechanism != mechanism:
@@ -72,6 +81,11 @@ class Scene:
     def reserve(self) -> float:
         """Singularity margin that starts and goals keep; ways between the nodes of the roadmap keep `margin`."""
         return _RESERVE * self.margin
+
+    @cached_property
+    def structure(self) -> StructuralLimits:
+        """The limits of the structure."""
+        return StructuralLimits(self.mechanism, self.limits)
 
     @cached_property
     def pitch(self) -> tuple[float, ...]:
@@ -91,6 +105,18 @@ class Scene:
         return _home(self.mechanism, self.load)
 
     @property
+    def seed_name(self) -> str:
+        """What errors call the equilibrium that all else is reached from."""
+        return "home" if self.origin is None else "option equilibrium"
+
+    def check_seed(self) -> None:
+        """Raise a ValueError if the origin, or else home, breaks a limit."""
+        seed = self.origin or self.home
+        broken = self.structure.broken_by(seed)
+        if broken:
+            raise ValueError(f"{self.seed_name} must keep the limits {self.limits}, {seed!r} breaks {broken}")
+
+    @property
     def roadmap(self) -> Roadmap:
         """What stable paths with the reserve reach from the origin, or else from home, step by step of the agent.
 
@@ -103,18 +129,50 @@ class Scene:
 
     def starts(self, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
-        numbers, roadmap = self._checked(numbers, threads, 1), self.roadmap
-        return self.beside(nodes_by_sums(roadmap.pose_density_sums, numbers[:, 0]), numbers[:, 1:], threads)
+        numbers = self._checked(numbers, threads, 1)
+        return self.beside(self.nodes(numbers[:, 0]), numbers[:, 1:], threads)
+
+    def nodes(self, numbers: Array) -> Integers:
+        """Return nodes (n,) drawn by `numbers` from [0, 1), evenly over the poses of each sheet."""
+        sums = self.roadmap.pose_density_sums
+        chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
+        return np.minimum(chosen, len(sums) - 1)
 
     def beside(self, nodes: ArrayLike, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states somewhere in the cells of nodes (n,), as `numbers` from [0, 1), (n, legs), tell."""
         numbers, nodes = self._checked(numbers, threads), self.roadmap.checked_nodes("nodes", nodes)
         if len(numbers) != len(nodes):
             raise ValueError(f"numbers must be as many as the nodes, {len(nodes)}, got {len(numbers)}")
-        states, pitch = self.at_nodes(nodes), np.array(self.pitch)
-        targets = states.inputs + (numbers - 0.5) * pitch
-        self._walk(states, targets, pitch, np.ones(len(nodes), dtype=np.int64), threads)
+        states = self.at_nodes(nodes)
+        self.move_within_cells(states, numbers, threads)
         return states
+
+    def move_within_cells(self, states: States, numbers: ArrayLike, threads: int = 1) -> Mask:
+        """Move states of nodes within their cells, as `numbers` from [0, 1), (n, legs), tell, in place.
+
+        Returns which of them arrive: by a straight step that keeps stability and the reserve.
+        """
+        numbers, pitch = self._checked(numbers, threads), np.array(self.pitch)
+        self._check_states(states, len(numbers))
+        targets = states.inputs + (numbers - 0.5) * pitch
+        self._walk(states, targets, pitch, np.ones(len(numbers), dtype=np.int64), self.reserve, threads)
+        arrived: Mask = (states.inputs == targets).all(axis=1)
+        return arrived
+
+    def leads_straight(self, start: States, ends: States, threads: int = 1) -> Mask:
+        """Return from which starts (n, ...) the straight way of the inputs leads to the end, (n, ...), in stability."""
+        for states in (start, ends):
+            self._check_states(states, len(start.x))
+        moved, stride = States(*(array.copy() for array in start)), np.array(self.stride)
+        steps = np.abs((ends.inputs - start.inputs) / stride).max(axis=1, initial=0.0)
+        self._walk(moved, ends.inputs, stride, np.ceil(steps).astype(np.int64) + 1, 0.0, threads)
+        is_there = _are_same(moved, ends)
+        if not self.structure:  # a walk may end where its steps are in doubt: the tracker tells
+            rows = np.flatnonzero(~is_there)
+            stopped, targets = States(*(array[rows] for array in moved)), ends.inputs[rows]
+            move_rows(self.mechanism.leg_table, stopped, targets, TERMINATE)
+            is_there[rows] = _are_same(stopped, States(*(array[rows] for array in ends)))
+        return is_there
 
     def at_nodes(self, nodes: ArrayLike) -> States:
         """Return the states of nodes (n,) of the roadmap."""
@@ -149,7 +207,7 @@ class Scene:
         if most < least:
             raise ValueError(f"steps_range must be (least, most), got {shown(steps_range)}")
         steps = least + (numbers[:, 0] * (most - least + 1)).astype(np.int64)
-        self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, threads)
+        self._walk(states, lowest + numbers[:, 1:] * span, np.array(self.stride), steps, self.reserve, threads)
 
     @cached_property
     def _walked_range(self) -> tuple[Array, Array]:
@@ -177,20 +235,50 @@ class Scene:
                 raise ValueError(f"states.{name} must be a writable float array {shape} in C order, got {shown(array)}")
             finite_array(f"states.{name}", array, shape)
 
-    def _walk(self, states: States, targets: Array, stride: Array, steps: Integers, threads: int) -> None:
-        legs, reserve = self.mechanism.leg_table, self.reserve
+    def _walk(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
+        """Walk as `walk` does; a walk also ends before the first step that would break a limit of the structure."""
+        if self.structure and steps.max(initial=0) > 1:
+            self._walk_step_by_step(states, targets, stride, steps, least_margin, threads)
+            return
+        known = (states.x.copy(), states.inputs.copy()) if self.structure else ()
+        self._walk_freely(states, targets, stride, steps, least_margin, threads)
+        if self.structure:
+            is_broken = np.logical_not(self.structure.are_kept(states.x, states.inputs))
+            for array, values in zip(states, known, strict=False):
+                array[is_broken] = values[is_broken]
+
+    def _walk_step_by_step(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
+        left, rows = steps.copy(), np.flatnonzero(steps > 0)
+        while len(rows):
+            moved = States(*(array[rows] for array in states))
+            self._walk(moved, targets[rows], stride, np.ones_like(rows), least_margin, threads)
+            goes_on = (moved.inputs != states.inputs[rows]).any(axis=1)
+            for array, values in zip(states, moved, strict=True):
+                array[rows] = values
+            left[rows] -= 1
+            rows = rows[goes_on & (left[rows] > 0)]
+
+    def _walk_freely(
+        self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
+    ) -> None:
+        legs = self.mechanism.leg_table
 
         def part(first: int, last: int) -> None:
             rows = States(*(array[first:last] for array in states))
-            walk(legs, rows, targets[first:last], stride, steps[first:last], reserve)
+            walk(legs, rows, targets[first:last], stride, steps[first:last], least_margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
 
 
-def nodes_by_sums(sums: Array, numbers: Array) -> Integers:
-    """Return an index for each of the `numbers` from [0, 1), drawn in proportion to weights with these running sums."""
-    chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
-    return np.minimum(chosen, len(sums) - 1)
+def _are_same(states: States, others: States) -> Mask:
+    """Return which states (n, ...) are the same."""
+    apart = np.abs(np.column_stack([states.x - others.x, states.inputs - others.inputs]))
+    same: Mask = apart.max(axis=1, initial=0.0) < _SAME
+    return same
 
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
@@ -218,12 +306,15 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
     seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    roadmap = build_roadmap(scene.mechanism, [seed], step=steps, least_margin=scene.reserve)
+    scene.check_seed()
+    roadmap = build_roadmap(
+        scene.mechanism, [seed], step=steps, least_margin=scene.reserve, limits=scene.structure.names
+    )
     if not len(roadmap):
-        name = "home" if scene.origin is None else "option equilibrium"
         raise ValueError(
-            f"{name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, to the middle of its "
-            f"cell of inputs; got {seed.singularity_margin:.3g} at inputs {seed.inputs.tolist()}. It is {_RESERVE} "
-            "times singular_margin, by default half of the least max_action: one of these must be smaller"
+            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and limits "
+            f"{scene.limits}, to the middle of its cell of inputs; got {seed.singularity_margin:.3g} at inputs "
+            f"{seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the least max_action: "
+            "one of these must be smaller"
         )
     return roadmap

@@ -1,25 +1,29 @@
 """What every task has: goals, the way they move, how episodes are drawn, and what reaching a goal is worth."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Literal, get_args
+from functools import cached_property
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.numerics.threads import MOST_THREADS
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.goals import GoalProgress, count_held, next_goals, update_goals
+from pcm_gym.kernels.stepping.goals import GoalProgress, Scale, count_held, next_goals, update_goals
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import finite_array, instance_of, sequence_of, shown, whole_number
+from pcm_gym.mechanism.validation import finite_array, instance_of, sequence_of, shown, whole_array, whole_number
+from pcm_gym.solving import Roadmap
 from pcm_gym.tasks.goals import Goals
 from pcm_gym.tasks.scene import Scene
 
 Generators = Sequence[np.random.Generator]
 # What may come of a loss of stability.
 OnInstability = Literal["terminate", "snap", "hold", "continue"]
+# Episodes that do not fit are drawn again so many times.
+_ATTEMPTS = 1000
 
 
 @dataclass(frozen=True)
@@ -29,12 +33,32 @@ class Episodes:
     states: States  # (n, ...)
     goals: Array  # (n, p, g): the goal of each step, over and over
     witness: States | None = None  # (n, ...): where the first goal is met; None where that is not known
+    fewest_falls: Integers | None = None  # (n,): falls without which nothing leads to the goal; None for none
 
     def __post_init__(self) -> None:
         instance_of("states", self.states, States)
         if self.witness is not None:
             instance_of("witness", self.witness, States)
         object.__setattr__(self, "goals", finite_array("goals", self.goals, (len(self.states.x), "p", "g")))
+        count = len(self.goals)
+        falls = np.zeros(count, dtype=np.int64) if self.fewest_falls is None else self.fewest_falls
+        object.__setattr__(self, "fewest_falls", whole_array("fewest_falls", falls, (count,), 0, 1 << 30))
+
+    def put(self, rows: Integers, others: "Episodes", taken: Mask) -> None:
+        """Put those of other episodes that are taken, (len(rows),), in the place of some rows, in place."""
+        for own, other in zip(self._arrays(), others._arrays(), strict=True):
+            own[rows[taken]] = other[taken]
+
+    def _arrays(self) -> list[NDArray[Any]]:
+        return [*self.states, self.goals, *(self.witness or ()), self.fewest_falls]
+
+
+class Progress(NamedTuple):
+    """How episodes have gone so far, one row each."""
+
+    held: Integers  # (n,): states that are at their goal: in a row up to the present one, or of all steps
+    elapsed: Integers  # (n,): steps since the reset
+    fewest_falls: Integers  # (n,): without which nothing leads to the goal
 
 
 @dataclass(frozen=True)
@@ -55,11 +79,14 @@ class Task(ABC):
     goals : Goals
     """
 
-    # Whether goals are whole equilibria, the steps after which they begin again, and how many steps ahead the agent
-    # sees the goal beside the present one.
+    # Whether goals are whole equilibria, the steps after which they begin again, how many steps ahead the agent sees
+    # the goal beside the present one, whether all states at their goal count for success, not those in a row, and
+    # whether training and test draw episodes of different places: those of a task that draws few must not.
     with_inputs: ClassVar[bool] = False
     period: ClassVar[int] = 1
     look_ahead: ClassVar[tuple[int, ...]] = ()
+    counts_all: ClassVar[bool] = False
+    has_split: ClassVar[bool] = False
 
     goals: Goals = field(repr=False)
 
@@ -81,6 +108,10 @@ class Task(ABC):
             If the scene has no such episodes.
         """
 
+    def roadmap(self, scene: Scene) -> Roadmap:
+        """Return what the ways from starts to goals are on."""
+        return scene.roadmap
+
     @property
     def behaviours(self) -> tuple[OnInstability, ...]:
         """What may come of a loss of stability in this task: values of `on_instability`."""
@@ -99,6 +130,14 @@ class Task(ABC):
 
         The names of `Info` are taken.
         """
+        return {}
+
+    def succeeded(self, progress: Progress, hold_steps: int) -> Mask:
+        """Return which episodes (n,) are a success so far."""
+        return progress.held >= hold_steps
+
+    def progress_metrics(self, progress: Progress) -> dict[str, NDArray[Any]]:
+        """Return what else the infos tell of how episodes have gone so far, (n,) each; nothing by default."""
         return {}
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike) -> float | Array:
@@ -139,11 +178,15 @@ class Task(ABC):
     ) -> tuple[Array, Array]:
         """Return the present goals (m, g) of some rows and the rewards (m,); see the kernel of the same name."""
         if type(self).score is Task.score:  # in compiled code as a whole
-            return update_goals(achieved, rows, has_stepped, is_stable, progress, self.goals.scale)
+            return update_goals(achieved, rows, has_stepped, is_stable, progress, self._scale)
         desired = next_goals(rows, has_stepped, progress)
         rewards, is_reached = self._scored(achieved, desired)
-        count_held(rows, has_stepped, is_reached & is_stable, progress)
+        count_held(rows, has_stepped, is_reached & is_stable, self.counts_all, progress)
         return desired, rewards
+
+    @cached_property
+    def _scale(self) -> Scale:
+        return self.goals.scale._replace(counts_all=self.counts_all)
 
 
 def check_sampling(scene: Scene, generators: Generators, threads: int) -> None:
@@ -156,6 +199,33 @@ def check_sampling(scene: Scene, generators: Generators, threads: int) -> None:
 def draw(generators: Generators, count: int) -> Array:
     """Return `count` numbers from [0, 1) of each generator, (n, count)."""
     return np.array([generator.random(count) for generator in generators]).reshape(-1, count)
+
+
+def draw_until(drawn: Callable[[Generators], tuple[Episodes, Mask]], generators: Generators, rule: str) -> Episodes:
+    """Return an episode for each generator: the first that fits of those that it draws, one after the other.
+
+    Parameters
+    ----------
+    drawn : callable
+        Returns an episode for each of some generators, and which of them fit.
+    generators : sequence of numpy.random.Generator
+    rule : str
+        What the arguments must do, for the error.
+
+    Raises
+    ------
+    ValueError
+        If 1,000 in a row do not fit.
+    """
+    episodes, is_fit = drawn(generators)
+    rows = np.flatnonzero(~is_fit)
+    for _ in range(_ATTEMPTS):
+        if not len(rows):
+            return episodes
+        others, is_fit = drawn([generators[row] for row in rows.tolist()])
+        episodes.put(rows, others, is_fit)
+        rows = rows[~is_fit]
+    raise ValueError(f"{rule}, got none in {_ATTEMPTS} draws")
 
 
 def starts_of(scene: Scene, generators: Generators, threads: int) -> States:

@@ -15,6 +15,7 @@ from benchmarks.endurance import Case, Tally, contradictions, endure, make_batch
 from benchmarks.machine import describe_machine
 from benchmarks.shield import KINDS, defend
 from benchmarks.timing import Summary, interleave
+from benchmarks.training import make_loops
 from pcm_gym.kernels.statics.states import States
 
 
@@ -57,6 +58,8 @@ def test_everything_measured_is_positive() -> None:
     ]
     for measure in measures:
         assert all(value > 0.0 for value in measure().values())
+    for loop in make_loops(environment_id, 4, "relu", rollouts=1).values():
+        assert all(rate > 0.0 for rate in loop().values())
     parts = step_parts(environment_id)()
     assert all(parts[name] > 0.0 for name in ("solve", "total", "all_alone"))
     assert all(describe_machine().values())

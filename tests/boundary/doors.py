@@ -16,6 +16,7 @@ from pcm_gym.environments import registration
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.kernels.statics.states import States
+from pcm_gym.policies.network import Layer, Network
 from pcm_gym.solving.raster import Raster
 from pcm_gym.tasks import Reach
 
@@ -23,12 +24,13 @@ from pcm_gym.tasks import Reach
 ALIASES = {
     "legs": ("attachment",),
     "render_workspace": ("is not an atlas", "cannot be read"),
-    "path": ("is not an atlas", "cannot be read"),
+    "path": ("is not an atlas", "cannot be read", "ending of the file"),
     "rho_max": ("rho <=",),
     # arrays that are as long as another one
     "cells": ("states must have shape",),
     "branches": ("inputs must have shape",),
     "states": ("inputs must have shape",),
+    "inputs": ("states must have shape",),
     "generator_seeds": ("state must be of 2 environments",),
 }
 
@@ -151,6 +153,13 @@ def doors() -> Iterator[Door]:
 def _of_mechanisms() -> Iterator[Door]:
     pair = np.array([0.5, -0.25])
     yield Door("Rod", pcm_gym.Rod, {"length": 1.0, "bending_stiffness": 2.0})
+    made_of: dict[str, Any] = {"section": pcm_gym.Strip(0.02, 0.0005), "material": pcm_gym.SPRING_STEEL}
+    yield Door("Rod of a material", pcm_gym.Rod, {"length": 1.0, **made_of})
+    yield Door("Rod.scaled", pcm_gym.Rod(**made_of).scaled, {"length": 0.5, "stiffness": 2.0})
+    yield Door("Rod.stress_ratio", pcm_gym.Rod(**made_of).stress_ratio, {"curvature": 2.0})
+    yield Door("Round", pcm_gym.Round, {"radius": 0.001})
+    yield Door("Strip", pcm_gym.Strip, {"width": 0.02, "thickness": 0.0005})
+    yield Door("Material", pcm_gym.Material, {"modulus": 2e11, "yield_stress": 1e9, "density": 7850.0})
     clamp = {"base": pair, "clamp_angle": 0.5, "limits": np.array([-1.0, 1.0])}
     yield Door("Revolute", pcm_gym.Revolute, clamp, ("base", "limits"))
     yield Door("Prismatic", pcm_gym.Prismatic, {**clamp, "axis_angle": 0.25}, ("base", "limits"))
@@ -172,6 +181,7 @@ def _of_mechanisms() -> Iterator[Door]:
         yield Door("Mechanism.check_load", own.check_load, {"load": values}, ("load",))
         yield Door("Mechanism.hinges", own.hinges, {"pose": values}, ("pose",))
     yield Door("get_mechanism", pcm_gym.get_mechanism, {"name": "2RFR"})
+    yield Door("load_mechanism", pcm_gym.load_mechanism, {"path": "/nowhere.yaml"})
     yield Door("mechanism_names", pcm_gym.mechanism_names)
     yield Door("register_mechanism", pcm_gym.register_mechanism, {"mechanism": own})
 
@@ -185,6 +195,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     yield Door("Equilibrium.kernel_values", here.kernel_values)
     rod = here.rods[0]
     state = {"modulus": rod.modulus, "psi": rod.psi, "mode": rod.mode, "rho": rod.rho, "force": np.array([0.5, 0.25])}
+    state |= {"largest_curvature": rod.largest_curvature, "stress_ratio": 0.5}
     yield Door("RodState", pcm_gym.RodState, state, ("force",))
     asked = {"mechanism": own, "load": load, "rho_max": 9.0 if dof == 2 else 6.5}
     more = {"modes": [1, {1, 2}, (1, 2)][:dof], "refinement": 0}
@@ -209,6 +220,7 @@ def _of_solving(name: str) -> Iterator[Door]:
     way = [here, pcm_gym.BranchTracker(own, here).step(inputs + 0.0625).equilibrium]
     yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
+    yield Door("critical_load", pcm_gym.critical_load, {"equilibrium": here, "reach": 1.0})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 
 
@@ -254,6 +266,8 @@ def _of_charts() -> Iterator[Door]:
     yield Door("Roadmap.equilibrium", paths.equilibrium, {"node": 1})
     yield Door("Roadmap.checked_nodes", partial(paths.checked_nodes, "nodes"), {"nodes": np.array([0, 1])})
 
+    yield from _of_plans()
+
     window = {"mechanism": own, "load": np.zeros(2), "rho_max": 6.0, "progress": False, "grid": 1}
     window |= {"bounds": [(-0.25, 0.25)] * 2, "held": {}}
     yield Door("forward_singularities", pcm_gym.forward_singularities, {**window, "index": 0}, ("load", "bounds"))
@@ -264,7 +278,18 @@ def _of_charts() -> Iterator[Door]:
     yield Door("SingularCurve.equilibrium", curves()[-1].equilibrium, {"k": 3})
     yield Door("find_crossings", pcm_gym.find_crossings, {"curves": curves()[-2:]})
     yield Door("load_atlas", pcm_gym.load_atlas, {"path": "/nowhere"})
+    yield Door("load_policy", pcm_gym.load_policy, {"source": "/nowhere.npz", "difficulty": "none", "kind": "best"})
+    yield Door("shipped_policies", pcm_gym.shipped_policies)
+    yield Door("Policy", pcm_gym.Policy, {"network": network(), "card": {}})
+    yield Door("Policy.load", pcm_gym.Policy.load, {"path": "/nowhere"})
     yield Door("UndecidedRegion.contains", _undecided().contains, {"equilibrium": home("2RFR")})
+
+
+def network() -> Network:
+    """Return a network of one layer, for two legs."""
+    layer = Layer(np.zeros((9, 2), dtype=np.float32), np.zeros(2, dtype=np.float32))
+    keys = ("observation", "achieved_goal", "desired_goal")
+    return Network(keys, (5, 2, 2), "concatenated", "tanh", "clip", 0.05, (layer,), None)
 
 
 def _undecided() -> pcm_gym.UndecidedRegion:
@@ -396,6 +421,30 @@ def _of_resets(name: str) -> Iterator[Door]:
     mask = {"reset_mask": np.array([True, False])}
     masked = partial(_from_same_state, rows, "reset")
     yield Door("MechanismVectorEnv.reset", lambda **options: masked(seed=3, options=options), mask)
+
+
+def _of_plans() -> Iterator[Door]:
+    own, start, paths = mechanism("2PFR"), home("2PFR"), roadmap("2PFR")
+    how: dict[str, Any] = {"step": np.array([0.0625, 0.0625]), "least_margin": 0.0625}
+    planner = pcm_gym.MotionPlanner(own, **how)
+    motion = planner.plan(start, start.pose)
+    asked = {"start": start, "goal": start.pose, "mechanism": own, **how}
+    yield Door("plan_motion", lambda **given: pcm_gym.plan_motion(**given).inputs, asked, ("goal", "step"))
+    of_planner = {"mechanism": own, "load": np.zeros(2), **how, "roadmaps": [paths]}
+    made = Door(
+        "MotionPlanner",
+        lambda **given: pcm_gym.MotionPlanner(**given).plan(start, start.pose).length,
+        of_planner,
+        ("load", "step"),
+    )
+    yield made
+    asked = {"start": start, "goal": start.pose}
+    yield Door("MotionPlanner.plan", lambda **given: planner.plan(**given).inputs, asked, ("goal",))
+    many = {"starts": [start], "goals": [start.pose]}
+    yield Door("MotionPlanner.plan_many", lambda **given: len(planner.plan_many(**given)), many)
+    fields = {name: getattr(motion, name) for name in pcm_gym.Motion.__dataclass_fields__}
+    yield Door("Motion", lambda **given: pcm_gym.Motion(**given).length, fields, ("load", "inputs", "states"))
+    yield Door("Motion.path_length", motion.path_length, {"step": np.array([0.0625, 0.0625])}, ("step",))
 
 
 def _with_budget(tests: float) -> float:

@@ -97,7 +97,7 @@ def test_held_rod_has_as_many_falling_directions_as_its_index(load: tuple[float,
 
 
 def test_energy_along_a_path_has_the_stiffness_as_its_curvature() -> None:
-    found = solve_forward(get_mechanism("2RFR"), (0.6, 2.2))[0]
+    found = solve_forward(get_mechanism("2RFR-paper"), (0.6, 2.2))[0]
     size = 1e-3
     for direction in np.eye(2):
         there, back = (energy_landscape.reduced_energy(found, side * size * direction[None])[0] for side in (1.0, -1.0))

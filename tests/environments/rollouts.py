@@ -13,11 +13,20 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 import pcm_gym
+from pcm_gym.environments.registration import ENVIRONMENTS
+from pcm_gym.tasks import Switch
 
 # The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
 FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
 
+# The mechanisms that have environments.
+MECHANISMS = list(dict.fromkeys(own.mechanism for own in ENVIRONMENTS))
+
 INFO_TYPES = pcm_gym.Info.__annotations__
+METRICS: dict[str, dict[str, Any]] = {
+    "Track": {"share_at_goal": float, "error": float},
+    "Switch": {"fewest_falls": int},
+}
 COSTS = tuple(name for name in INFO_TYPES if name.startswith("cost_"))
 
 
@@ -30,6 +39,13 @@ def chosen_ids() -> list[str]:
     for name in files:
         importlib.import_module(name)
     return list(ids)
+
+
+def info_types(env: Any) -> dict[str, Any]:
+    """What infos hold of an environment or a batch of the package, and of what types."""
+    task = env.unwrapped.task
+    name, is_told = type(task).__name__, not isinstance(task, Switch) or task.difficulty == "fall"
+    return {**INFO_TYPES, **(METRICS.get(name, {}) if is_told else {})}
 
 
 def folding_arguments(environment_id: str) -> dict[str, Any]:

@@ -20,11 +20,11 @@ from gymnasium.wrappers.vector import FlattenObservation, NormalizeObservation, 
 import pcm_gym
 from tests.environments.rollouts import (
     COSTS,
-    INFO_TYPES,
     assert_same,
     chosen_ids,
     digests_of_all,
     folding_arguments,
+    info_types,
     leaves,
     make,
     make_bare,
@@ -232,7 +232,7 @@ def test_info_of_a_step_has_the_keys_types_and_values_of_the_contract(environmen
         env = make_bare(environment_id, **keywords)
         for record in roll_single(env, seed=2, steps=100):
             info = record[-1]
-            assert {key: type(value) for key, value in info.items()} == INFO_TYPES
+            assert {key: type(value) for key, value in info.items()} == info_types(env)
             assert info["cost"] == sum(info[key] for key in COSTS)
             assert all(info[key] in (0.0, 1.0) for key in COSTS)
             assert 0.0 <= info["singularity_margin"] <= 10.0
@@ -254,8 +254,8 @@ def test_info_of_a_batch_is_that_of_its_rows(environment_id: str) -> None:
     env = make_native(environment_id, 3)
     observation, infos = env.reset(seed=0)
     for _ in range(2):
-        assert {key for key in infos if not key.startswith("_")} == set(INFO_TYPES)
-        for key, kind in INFO_TYPES.items():
+        assert {key for key in infos if not key.startswith("_")} == set(info_types(env))
+        for key, kind in info_types(env).items():
             assert infos[key].dtype == np.dtype(kind), key
             assert (infos[f"_{key}"].dtype, infos[f"_{key}"].tolist()) == (np.bool_, [True] * 3)
         assert {key: array.dtype for key, array in observation.items()} == dict.fromkeys(observation, np.float64)

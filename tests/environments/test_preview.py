@@ -10,9 +10,16 @@ from gymnasium.vector import AutoresetMode
 
 import pcm_gym
 from pcm_gym.kernels.stepping.transition import GIVE_UP, step_in_lanes
-from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
+from tests.environments.rollouts import (
+    MECHANISMS,
+    assert_same,
+    folding_arguments,
+    make_bare,
+    make_native,
+    sweeping_actions,
+)
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 BEHAVIOURS = ("terminate", "snap", "hold", "continue")
 NUMBERS = (
     "index",

@@ -11,9 +11,9 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 
 import pcm_gym
-from tests.environments.rollouts import assert_same, make_bare, make_native, roll_single, sweeping_actions
+from tests.environments.rollouts import MECHANISMS, assert_same, make_bare, make_native, roll_single, sweeping_actions
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 DEVIATIONS = {"stiffness": 0.2, "length": 0.05, "base": 0.02}
 LOADS = ((-0.02, -0.05), (0.02, 0.01))
 ALL: dict[str, Any] = {

@@ -34,7 +34,7 @@ SOUND_STIFFNESS = 1e5
 def mechanism_by(family: str, kind: str) -> Mechanism:
     """The family's mechanism of the catalogue, or a random one with unequal rods."""
     if kind == "catalogue":
-        return pcm_gym.get_mechanism(family)
+        return pcm_gym.get_mechanism(f"{family}-paper")
     return random_mechanism(family, np.random.default_rng([int(kind.split("-")[1]), FAMILIES.index(family)]))
 
 
@@ -139,7 +139,7 @@ def inverse_sets(family: str, kind: str) -> Record:
 
 def certificates(family: str) -> Record:
     """Proofs of sets of two legs: of some that can be proved, and of one at a fold, which cannot."""
-    mechanism, numbers = pcm_gym.get_mechanism(family), _numbers(family, "catalogue", "proof")
+    mechanism, numbers = pcm_gym.get_mechanism(f"{family}-paper"), _numbers(family, "catalogue", "proof")
     problems = [(random_inputs(mechanism, numbers), load) for load in (None, LIGHT_LOADS[family])]
     fold = next(step for step, _ in _losses(mechanism, LOADS[family], count=1))
     problems.append((fold.inputs, fold.load))
@@ -165,7 +165,7 @@ def certificates(family: str) -> Record:
 
 def branch(family: str, is_loaded: bool, follow: bool) -> Record:
     """A walk from branch to branch along random lines of inputs, and of loads; a loss of stability leads back."""
-    mechanism, numbers = pcm_gym.get_mechanism(family), _numbers(family, "catalogue", "branch")
+    mechanism, numbers = pcm_gym.get_mechanism(f"{family}-paper"), _numbers(family, "catalogue", "branch")
     span, unit = mechanism.upper_limits - mechanism.lower_limits, np.array(LOADS[family])
     load = unit if is_loaded else 0.0 * unit
     start = pcm_gym.home_equilibrium(mechanism, LIGHT_LOADS[family] if is_loaded else None)
@@ -214,7 +214,7 @@ def falls_from_folds(family: str) -> Record:
 
     Where a fold is, is known to 1e-8 only: what is compared closely are the equilibria at the inputs beyond it.
     """
-    mechanism, falls, steps = pcm_gym.get_mechanism(family), [], []
+    mechanism, falls, steps = pcm_gym.get_mechanism(f"{family}-paper"), [], []
     for fold, target in _losses(mechanism, LIGHT_LOADS[family] if family != "2PFR" else LOADS[family], count=8):
         falls.append(pcm_gym.snap(fold))
         steps.append(BranchTracker(mechanism, falls[-1].equilibrium).step(target))
@@ -317,7 +317,7 @@ def singular_curves(trace: Callable[..., Any], family: str, kind: str, keywords:
 
 def atlas(family: str, keywords: dict[str, Any]) -> Record:
     """A coarse atlas: its branches, their areas and some equilibria drawn from it."""
-    mechanism = pcm_gym.get_mechanism(family)
+    mechanism = pcm_gym.get_mechanism(f"{family}-paper")
     made = pcm_gym.build_atlas(mechanism, LIGHT_LOADS[family], progress=False, **keywords)
     drawn = made.sample(np.random.default_rng(0), 12)
     record = described(
@@ -339,7 +339,7 @@ def atlas(family: str, keywords: dict[str, Any]) -> Record:
 
 def roadmap(family: str, least_margin: float) -> Record:
     """A roadmap from home: its nodes, its ways, and where the mechanism falls from it."""
-    mechanism = pcm_gym.get_mechanism(family)
+    mechanism = pcm_gym.get_mechanism(f"{family}-paper")
     home = pcm_gym.home_equilibrium(mechanism, LIGHT_LOADS[family])
     made = pcm_gym.build_roadmap(mechanism, [home], least_margin=least_margin)
     falls = pcm_gym.find_falls(made, 16)

@@ -18,6 +18,7 @@ from tests.environments.rollouts import (
 )
 from tests.golden.given_starts import STARTS
 from tests.golden.records import LOSSES, SOUND_MARGIN, Record
+from tests.reference.mechanisms import FAMILIES
 
 # In names of scenarios that chance of rounding decides: only for digests.
 SYMMETRIC = "symmetric"
@@ -136,7 +137,7 @@ def _behaviours() -> dict[str, tuple[str, dict[str, Any]]]:
 def _realism() -> dict[str, tuple[str, dict[str, Any]]]:
     """Every kind of realism on every mechanism, by itself in Reach and combined in the other tasks."""
     table = {}
-    for name in pcm_gym.mechanism_names():
+    for name in FAMILIES:
         parts = PARTS | ({"attachment": 0.01} if name == "3PFR" else {})
         folding = folding_arguments(f"PCM/{name}-Reach-v0")
         kinds: dict[str, dict[str, Any]] = {
@@ -207,7 +208,7 @@ def _scenarios() -> dict[str, Rollout]:
             scenarios[f"{_short(environment_id)}-{mode}-batch"] = Rollout(
                 environment_id, {"autoreset_mode": mode}, is_batch=True
             )
-    for name in pcm_gym.mechanism_names():
+    for name in FAMILIES:
         scenarios[f"{name}-Reach-from-anywhere"] = _given(name, "anywhere", "continue")
     for behaviour in BEHAVIOURS:
         scenarios[f"fork-Reach-{behaviour}"] = _given("2RFR", "fork", behaviour)

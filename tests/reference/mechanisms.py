@@ -41,7 +41,7 @@ def random_mechanism(family: str, rng: np.random.Generator, *, is_unequal: bool 
 
 def random_inputs(mechanism: Mechanism, rng: np.random.Generator) -> Array:
     """Return inputs: any direction within the upper half plane for motors, up to 0.3 for sliders."""
-    if mechanism.name == "2RFR":
+    if mechanism.name.startswith("2RFR"):
         return rng.uniform(0.2, math.pi - 0.2, 2)
     return rng.uniform(-0.3, 0.3, mechanism.leg_count)
 
@@ -133,7 +133,7 @@ def home_by_construction(name: str) -> Equilibrium:
 
     Of the loads in the known range of rho, the one whose rod ends nearest to the hinge.
     """
-    mechanism = get_mechanism(name)
+    mechanism = get_mechanism(f"{name}-paper")
     pose, units = np.array(HOME_POSES[name]), mechanism.units
     inputs = np.array(mechanism.home_inputs)
     state = np.concatenate([np.zeros(2 * mechanism.leg_count), pose / units.pose])

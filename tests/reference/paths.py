@@ -55,7 +55,7 @@ def random_walk(start: Equilibrium, rng: np.random.Generator, steps: int = STEPS
 
 def random_walks(name: str, count: int, rng: np.random.Generator) -> Iterator[Walk]:
     """Yield so many walks of a mechanism of the catalogue."""
-    starts = random_starts(get_mechanism(name), rng)
+    starts = random_starts(get_mechanism(f"{name}-paper"), rng)
     for _ in range(count):
         yield random_walk(next(starts), rng)
 

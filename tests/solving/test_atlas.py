@@ -41,7 +41,7 @@ def mixed_mechanism() -> Mechanism:
 def make_atlas(name: str) -> Atlas:
     if name == "mixed":
         return build_atlas(mixed_mechanism(), (1.5, -2.0), pitch=0.02, input_cells=40, seed_nodes=5, progress=False)
-    return build_atlas(get_mechanism(name), pitch=0.025, input_cells=48, seed_nodes=6, progress=False)
+    return build_atlas(get_mechanism(f"{name}-paper"), pitch=0.025, input_cells=48, seed_nodes=6, progress=False)
 
 
 @pytest.fixture(scope="module", params=["2RFR", "2PFR", "mixed"])
@@ -58,7 +58,7 @@ def motors() -> Atlas:
 def slice_of_platform() -> Atlas:
     """3PFR at the angle of its home, at a pitch that is coarse for the whole but fine for this thin region."""
     return build_atlas(
-        get_mechanism("3PFR"),
+        get_mechanism("3PFR-paper"),
         pitch=0.02,
         input_cells=10,
         seed_nodes=1,
@@ -162,7 +162,7 @@ def test_the_atlas_of_a_mirrored_mechanism_is_mirrored(motors):
 
 
 def test_denser_seeds_find_the_same_branches():
-    mechanism = get_mechanism("2PFR")
+    mechanism = get_mechanism("2PFR-paper")
     few, many = (
         build_atlas(mechanism, pitch=0.05, input_cells=30, seed_nodes=count, progress=False) for count in (4, 8)
     )
@@ -268,7 +268,7 @@ def test_branches_are_numbered_by_the_poses_they_cover(atlas):
 
 
 def test_the_area_converges_with_the_pitch():
-    mechanism = get_mechanism("2PFR")
+    mechanism = get_mechanism("2PFR-paper")
     regions = [
         build_atlas(mechanism, pitch=pitch, input_cells=24, seed_nodes=3, progress=False).workspace()
         for pitch in (0.04, 0.02, 0.005)
@@ -406,7 +406,7 @@ def test_a_slice_of_a_platform_is_what_the_inverse_problem_says(slice_of_platfor
 
 
 def test_a_platform_has_the_reachable_workspace_and_its_slices():
-    mechanism = get_mechanism("3PFR")
+    mechanism = get_mechanism("3PFR-paper")
     atlas = build_atlas(mechanism, pitch=0.05, input_cells=8, seed_nodes=1, progress=False)
     reachable = atlas.workspace()
     slices = [atlas.workspace(orientation=angle) for angle in atlas.over_poses.raster.axes[2]]
@@ -433,13 +433,13 @@ def test_a_platform_has_the_reachable_workspace_and_its_slices():
 )
 def test_wrong_arguments_of_build_atlas_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        build_atlas(get_mechanism("2PFR"), progress=False, **arguments)
+        build_atlas(get_mechanism("2PFR-paper"), progress=False, **arguments)
 
 
 def test_a_number_of_cells_that_is_not_whole_is_refused():
     wrong: Any = 2.5
     with pytest.raises(TypeError, match="seed_nodes must be a whole number"):
-        build_atlas(get_mechanism("2PFR"), progress=False, seed_nodes=wrong)
+        build_atlas(get_mechanism("2PFR-paper"), progress=False, seed_nodes=wrong)
 
 
 def test_a_mechanism_without_stable_equilibria_is_refused():
@@ -475,7 +475,7 @@ def test_wrong_arguments_of_look_ups_are_refused(motors):
         motors.at_pose([0.0, 0.0, 0.0])
     assert len(motors.at_pose([5.0, 5.0])) == 0
     with pytest.raises(ValueError, match="atlas's mechanism"):
-        motors.branch_of(home_equilibrium(get_mechanism("2PFR")))
+        motors.branch_of(home_equilibrium(get_mechanism("2PFR-paper")))
     with pytest.raises(ValueError, match="atlas's load"):
         motors.branch_of(replace(home_equilibrium(motors.mechanism), load=np.array([1.0, 0.0])))
 
@@ -487,7 +487,7 @@ def test_an_orientation_beside_the_slice_is_refused(slice_of_platform):
 
 def test_progress_is_shown_only_when_asked_for(capsys):
     for progress in (False, True):
-        build_atlas(get_mechanism("2PFR"), pitch=0.2, input_cells=4, seed_nodes=1, progress=progress)
+        build_atlas(get_mechanism("2PFR-paper"), pitch=0.2, input_cells=4, seed_nodes=1, progress=progress)
         shown = capsys.readouterr()
         assert shown.out == ""
         assert ("seeds" in shown.err) == progress

@@ -334,7 +334,7 @@ class TestInterface:
         assert repr(certificate(found)) == f"Certificate: proved, exactly {len(found)} equilibria with rho <= 9"
 
     def test_only_two_legs(self) -> None:
-        platform = get_mechanism("3PFR")
+        platform = get_mechanism("3PFR-paper")
         assert platform.home_inputs is not None
         with pytest.raises(ValueError, match="certify is available for two legs, got 3"):
             solve_forward(platform, platform.home_inputs, certify=True)

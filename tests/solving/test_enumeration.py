@@ -150,7 +150,7 @@ class TestOutsideNumbers:
 
     @pytest.mark.slow
     def test_count_of_the_3pfr(self) -> None:
-        mechanism = get_mechanism("3PFR")
+        mechanism = get_mechanism("3PFR-paper")
         assert mechanism.home_inputs is not None
         found = solve_forward(mechanism, mechanism.home_inputs, rho_max=6.5)
         assert len(found) == 32
@@ -326,7 +326,7 @@ class TestForwardAndInverse:
                 assert (same.index, same.modes) == (equilibrium.index, equilibrium.modes)
 
     def test_inverse_of_the_3pfr_knows_its_home(self) -> None:
-        home = home_equilibrium(get_mechanism("3PFR"))
+        home = home_equilibrium(get_mechanism("3PFR-paper"))
         found = solve_inverse(home.mechanism, home.pose, rho_max=7.0)
         assert len(members(home, found)) == 1
         assert max(e.residual for e in found) < 1e-10
@@ -608,11 +608,11 @@ class TestMisuse:
         self.assert_empty(solve_inverse(self.MECHANISM, pose), "from its actuator and the rod is 1 long")
 
     def test_pose_beyond_the_rods_of_sliders(self) -> None:
-        found = solve_inverse(get_mechanism("2PFR"), (3.0, 0.0))
+        found = solve_inverse(get_mechanism("2PFR-paper"), (3.0, 0.0))
         self.assert_empty(found, "the hinge of leg 0 is 3.2 from its actuator and the rod is 1 long")
 
     def test_pose_of_a_platform_out_of_reach(self) -> None:
-        found = solve_inverse(get_mechanism("3PFR"), (5.0, 0.0, 0.0), rho_max=7.0)
+        found = solve_inverse(get_mechanism("3PFR-paper"), (5.0, 0.0, 0.0), rho_max=7.0)
         self.assert_empty(found, "from its actuator and the rod is 1 long")
 
     def test_bases_too_far_apart(self) -> None:

@@ -10,7 +10,7 @@ import pytest
 import pcm_gym
 from pcm_gym import Equilibrium
 
-MECHANISM = pcm_gym.get_mechanism("2RFR")
+MECHANISM = pcm_gym.get_mechanism("2RFR-paper")
 PARTS: dict[str, Any] = {
     "mechanism": MECHANISM,
     "state": np.array([5.0, 0.0, 5.0, -1.0, 0.0, 0.8]),
@@ -34,7 +34,7 @@ def test_equal_parts_make_equal_equilibria_that_hash_alike() -> None:
 @pytest.mark.parametrize(
     "changed",
     [
-        {"mechanism": pcm_gym.get_mechanism("2PFR")},
+        {"mechanism": pcm_gym.get_mechanism("2PFR-paper")},
         {"state": np.nextafter(PARTS["state"], 9.0)},
         {"inputs": np.nextafter(PARTS["inputs"], 9.0)},
         {"load": np.nextafter(PARTS["load"], 9.0)},

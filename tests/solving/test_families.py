@@ -409,7 +409,7 @@ class TestLimits:
         assert seen == {False, True}
 
     def test_inputs_within_the_limits_stay(self) -> None:
-        mechanism, count = get_mechanism("2RFR"), 0
+        mechanism, count = get_mechanism("2RFR-paper"), 0
         for one in solve_inverse(mechanism, (0.1, 0.7)):
             if np.all((mechanism.lower_limits <= one.inputs) & (one.inputs <= mechanism.upper_limits)):
                 count += 1
@@ -418,7 +418,7 @@ class TestLimits:
         assert count >= 2
 
     def test_a_slider_has_no_turns(self) -> None:
-        found = solve_inverse(get_mechanism("2PFR"), (0.1, 2.0))
+        found = solve_inverse(get_mechanism("2PFR-paper"), (0.1, 2.0))
         assert all((one.inputs_within_limits is None) == bool(np.any(np.abs(one.inputs) > 0.5)) for one in found)
 
 

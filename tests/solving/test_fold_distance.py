@@ -23,7 +23,7 @@ from pcm_gym.solving import (
 
 def stable_states(name: str, count: int, seed: int) -> list[Equilibrium]:
     """Return random stable states: of two legs any, of a platform those that can be driven to from home."""
-    mechanism, rng = get_mechanism(name), np.random.default_rng(seed)
+    mechanism, rng = get_mechanism(f"{name}-paper"), np.random.default_rng(seed)
     found: list[Equilibrium] = []
     while len(found) < count:
         inputs = rng.uniform(mechanism.lower_limits, mechanism.upper_limits)
@@ -99,7 +99,7 @@ class TestNearestFold:
 
     def test_between_parallel_rails_it_is_the_distance_from_a_line(self) -> None:
         """The folds at parallel rails are lines: the distance is that of a point from a line."""
-        mechanism = get_mechanism("2PFR")
+        mechanism = get_mechanism("2PFR-paper")
         curves = forward_singularities(mechanism, index=0, grid=4, progress=False)
         offsets = [float(curve.inputs[0, 0] - curve.inputs[0, 1]) for curve in curves]
         compared = 0
@@ -117,7 +117,7 @@ class TestNearestFold:
 
     def test_wrong_reach_is_named(self) -> None:
         with pytest.raises(ValueError, match="reach must be greater than 0"):
-            nearest_fold(home_equilibrium(get_mechanism("2RFR")), 0.0)
+            nearest_fold(home_equilibrium(get_mechanism("2RFR-paper")), 0.0)
 
 
 class TestMargin:
@@ -158,12 +158,12 @@ class TestMargin:
 
     @pytest.mark.parametrize("name", ["2RFR", "2PFR"])
     def test_it_is_nothing_at_a_fold(self, name: str) -> None:
-        for curve in forward_singularities(get_mechanism(name), index=0, grid=4, progress=False):
+        for curve in forward_singularities(get_mechanism(f"{name}-paper"), index=0, grid=4, progress=False):
             assert max(curve.equilibrium(k).singularity_margin for k in range(0, len(curve), 5)) < 1e-6
 
     @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])
     def test_it_is_finite_and_positive_elsewhere(self, name: str) -> None:
-        for state in [home_equilibrium(get_mechanism(name)), *stable_states(name, 40, 9)]:
+        for state in [home_equilibrium(get_mechanism(f"{name}-paper")), *stable_states(name, 40, 9)]:
             assert 0.0 < state.singularity_margin <= 10.0
 
     @pytest.mark.parametrize("name", ["2RFR", "2PFR", "3PFR"])
@@ -188,7 +188,7 @@ class TestMargin:
 
     def test_straight_rods_are_no_fold(self) -> None:
         """Two straight unloaded rods: the stiffness has a pole there, the distance none."""
-        mechanism = get_mechanism("2RFR")
+        mechanism = get_mechanism("2RFR-paper")
         half = math.acos(0.2)
         straight = Equilibrium(
             mechanism,

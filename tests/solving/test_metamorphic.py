@@ -181,7 +181,7 @@ def test_the_inputs_and_equilibria_at_a_pose_are_the_same_seen_otherwise(
 )
 def test_rollouts_are_the_same_seen_otherwise(name: str, behaviour: Any, view_of: Callable[[int], View]) -> None:
     """All but starts and goals, which are asked for: they are drawn from rasters, which do not turn with mechanisms."""
-    mechanism = pcm_gym.get_mechanism(name)
+    mechanism = pcm_gym.get_mechanism(f"{name}-paper")
     view, load = view_of(mechanism.leg_count), 0.3 * mechanism.units.load
     other = view.mechanism(mechanism)
     arguments: dict[str, Any] = {"on_instability": behaviour, "hold_steps": 1, "success_distance": 0.1}

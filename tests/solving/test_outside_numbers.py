@@ -82,7 +82,7 @@ class TestTwoRFR:
 class TestHome:
     @pytest.mark.parametrize("name", FAMILIES)
     def test_is_the_one_that_the_design_names(self, name: str) -> None:
-        home, expected = home_equilibrium(get_mechanism(name)), home_by_construction(name)
+        home, expected = home_equilibrium(get_mechanism(f"{name}-paper")), home_by_construction(name)
         np.testing.assert_allclose(home.state, expected.state, rtol=0.0, atol=1e-8)
         assert home.is_stable
         np.testing.assert_array_equal(home.inputs, home.mechanism.home_inputs)
@@ -90,23 +90,23 @@ class TestHome:
 
     @pytest.mark.parametrize("name", FAMILIES)
     def test_does_not_depend_on_the_units(self, name: str) -> None:
-        home = home_equilibrium(get_mechanism(name))
+        home = home_equilibrium(get_mechanism(f"{name}-paper"))
         assert home.pose == pytest.approx(HOME_POSES[name], abs=4e-4)
 
     def test_is_the_same_every_time(self) -> None:
-        one, other = home_equilibrium(get_mechanism("3PFR")), home_equilibrium(get_mechanism("3PFR"))
+        one, other = home_equilibrium(get_mechanism("3PFR-paper")), home_equilibrium(get_mechanism("3PFR-paper"))
         np.testing.assert_array_equal(one.state, other.state)
 
     def test_of_the_3pfr(self) -> None:
         """Pose (0, 0, 0.161919), all rho 6.3588, least eigenvalue of K 56.94 at EI = L = 1."""
-        home = home_equilibrium(get_mechanism("3PFR"))
+        home = home_equilibrium(get_mechanism("3PFR-paper"))
         np.testing.assert_allclose(home.pose, [0.0, 0.0, 0.161919], rtol=0.0, atol=5e-7)
         assert [rod.rho for rod in home.rods] == pytest.approx([6.3588] * 3, abs=5e-5)
         assert home.stability_margin == pytest.approx(56.94, abs=5e-3)
         assert home.index == 0
 
     def test_of_the_2pfr(self) -> None:
-        home = home_equilibrium(get_mechanism("2PFR"))
+        home = home_equilibrium(get_mechanism("2PFR-paper"))
         np.testing.assert_allclose(home.pose, [0.0, 0.976], rtol=0.0, atol=5e-4)
 
     def test_without_a_named_pose_is_the_stable_one_of_least_energy(self) -> None:
@@ -114,7 +114,7 @@ class TestHome:
         np.testing.assert_allclose(home_equilibrium(mechanism).pose, [0.0, 0.927501479], rtol=0.0, atol=1e-9)
 
     def test_under_load_is_in_balance(self) -> None:
-        mechanism = get_mechanism("2PFR")
+        mechanism = get_mechanism("2PFR-paper")
         load = np.array([0.1, -0.2])
         home = home_equilibrium(mechanism, load)
         np.testing.assert_array_equal(home.load, load)

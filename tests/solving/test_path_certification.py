@@ -24,7 +24,7 @@ from tests.reference.paths import MUTATIONS, mutated, random_starts, random_walk
 
 
 def home(name: str) -> Equilibrium:
-    return home_equilibrium(get_mechanism(name))
+    return home_equilibrium(get_mechanism(f"{name}-paper"))
 
 
 def nearest(found: EquilibriumSet, pose: tuple[float, ...]) -> Equilibrium:
@@ -89,7 +89,7 @@ class TestFolds:
     @pytest.mark.parametrize("family", FAMILIES)
     def test_steps_that_end_at_folds_are_proved_up_to_them(self, family: str) -> None:
         rng = np.random.default_rng(3)
-        starts = random_starts(get_mechanism(family), rng)
+        starts = random_starts(get_mechanism(f"{family}-paper"), rng)
         folds = 0
         while folds < 5:
             start = next(starts)
@@ -205,7 +205,7 @@ class TestSpecialStates:
 
 class TestInterface:
     def test_ways_of_a_roadmap_are_proved(self) -> None:
-        roadmap = build_roadmap(get_mechanism("2RFR"), [home("2RFR")])
+        roadmap = build_roadmap(get_mechanism("2RFR-paper"), [home("2RFR")])
         nodes = roadmap.way(0, int(np.flatnonzero(roadmap.components == roadmap.components[0])[-1]))
         assert len(nodes) > 3
         proof = certify_path(roadmap.mechanism, [roadmap.equilibrium(int(node)) for node in nodes])
@@ -241,7 +241,7 @@ class TestInterface:
         with pytest.raises(ValueError, match="equilibria must be at least two, got 1"):
             certify_path(start.mechanism, [start])
         with pytest.raises(
-            ValueError, match="equilibria must belong to the mechanism '2RFR', got one of '2PFR' in place 1"
+            ValueError, match="equilibria must belong to the mechanism '2RFR-paper', got one of '2PFR-paper' in place 1"
         ):
             certify_path(start.mechanism, [start, other])
         with pytest.raises(TypeError, match="equilibria must be a sequence of Equilibrium, got 3 in it"):

@@ -15,7 +15,7 @@ MARGIN, STEP = 0.05, 0.2
 
 @pytest.fixture(scope="module")
 def roadmap() -> Roadmap:
-    mechanism = pcm_gym.get_mechanism("2RFR")
+    mechanism = pcm_gym.get_mechanism("2RFR-paper")
     home = pcm_gym.home_equilibrium(mechanism)
     seeds = list(pcm_gym.solve_forward(mechanism, home.inputs).stable)
     return pcm_gym.build_roadmap(mechanism, seeds, step=[STEP, STEP], least_margin=MARGIN)
@@ -117,7 +117,7 @@ def test_falls_land_where_snaps_do(roadmap: Roadmap) -> None:
 
 
 def test_a_seed_without_the_margin_has_no_node() -> None:
-    mechanism = pcm_gym.get_mechanism("2RFR")
+    mechanism = pcm_gym.get_mechanism("2RFR-paper")
     home = pcm_gym.home_equilibrium(mechanism)
     empty = pcm_gym.build_roadmap(mechanism, [home], least_margin=9.0)
     assert (len(empty), empty.seeds) == (0, (-1,))
@@ -125,13 +125,13 @@ def test_a_seed_without_the_margin_has_no_node() -> None:
 
 
 def test_bad_arguments_are_named() -> None:
-    mechanism, other = pcm_gym.get_mechanism("2RFR"), pcm_gym.get_mechanism("2PFR")
+    mechanism, other = pcm_gym.get_mechanism("2RFR-paper"), pcm_gym.get_mechanism("2PFR-paper")
     home = pcm_gym.home_equilibrium(mechanism)
     unstable = next(found for found in pcm_gym.solve_forward(mechanism, home.inputs) if not found.is_stable)
     loaded = pcm_gym.home_equilibrium(mechanism, load=(0.0, 0.01))
     cases: list[tuple[str, Any]] = [
         ("at least one", []),
-        ("'2RFR'", [pcm_gym.home_equilibrium(other)]),
+        ("'2RFR-paper'", [pcm_gym.home_equilibrium(other)]),
         ("stable", [unstable]),
         ("one load", [home, loaded]),
     ]

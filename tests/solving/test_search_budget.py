@@ -11,16 +11,19 @@ from tests.reference.mechanisms import find_equilibria
 
 @pytest.mark.parametrize("solve", [pcm_gym.solve_forward, pcm_gym.solve_inverse])
 def test_search_says_that_its_budget_is_spent(solve) -> None:
-    mechanism = pcm_gym.get_mechanism("2RFR")
+    mechanism = pcm_gym.get_mechanism("2RFR-paper")
     home = pcm_gym.home_equilibrium(mechanism)
     where = home.inputs if solve is pcm_gym.solve_forward else home.pose
-    with pcm_gym.search_budget(1000), pytest.raises(pcm_gym.SearchBudgetError, match=r"'2RFR'.* its budget is 1e\+03"):
+    with (
+        pcm_gym.search_budget(1000),
+        pytest.raises(pcm_gym.SearchBudgetError, match=r"'2RFR-paper'.* its budget is 1e\+03"),
+    ):
         solve(mechanism, where)
     assert len(solve(mechanism, where)) > 1
 
 
 def test_budget_is_that_of_each_search_in_a_context() -> None:
-    mechanism = pcm_gym.get_mechanism("2RFR")
+    mechanism = pcm_gym.get_mechanism("2RFR-paper")
     with pcm_gym.search_budget(1000):
         with pytest.raises(pcm_gym.SearchBudgetError):
             pcm_gym.home_equilibrium(mechanism)

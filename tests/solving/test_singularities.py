@@ -29,12 +29,12 @@ RHO_MAX = 9.0
 
 @lru_cache(maxsize=8)
 def folds(name: str, grid: int = 6) -> tuple[SingularCurve, ...]:
-    return forward_singularities(get_mechanism(name), grid=grid, progress=False)
+    return forward_singularities(get_mechanism(f"{name}-paper"), grid=grid, progress=False)
 
 
 @lru_cache(maxsize=8)
 def inverse_curves(name: str, grid: int = 6) -> tuple[SingularCurve, ...]:
-    return inverse_singularities(get_mechanism(name), grid=grid, progress=False)
+    return inverse_singularities(get_mechanism(f"{name}-paper"), grid=grid, progress=False)
 
 
 def scaled(matrix: Array) -> Array:
@@ -139,7 +139,7 @@ class TestComplete:
         np.testing.assert_allclose([length(c) for c in coarse], [length(c) for c in fine], rtol=1e-3, atol=1e-6)
 
     def test_the_limits_of_stability_are_those_among_all_folds(self) -> None:
-        alone = forward_singularities(get_mechanism("2RFR"), index=0, grid=6, progress=False)
+        alone = forward_singularities(get_mechanism("2RFR-paper"), index=0, grid=6, progress=False)
         among_all = [curve for curve in folds("2RFR") if curve.is_stability_limit]
         assert [len(curve.cusps) for curve in alone] == [len(curve.cusps) for curve in among_all]
         np.testing.assert_allclose([length(c) for c in alone], [length(c) for c in among_all], rtol=1e-3)
@@ -240,7 +240,7 @@ class TestSolutionsOnBothSides:
 class TestGeometry:
     def test_where_a_rod_is_straight_the_workspace_ends_on_its_circle(self) -> None:
         """An inverse singularity with a straight rod has the tip one rod length from the motor."""
-        mechanism, straight = get_mechanism("2RFR"), 0
+        mechanism, straight = get_mechanism("2RFR-paper"), 0
         for curve in inverse_curves("2RFR"):
             for leg in range(2):
                 if np.abs(curve.states[:, 2 * leg + 1]).max() > 1e-7:  # bent somewhere
@@ -268,7 +268,7 @@ class TestGeometry:
 
     def test_curves_end_at_given_bounds(self) -> None:
         bounds = [(0.0, 2.0), (0.5, 2.5)]
-        curves = forward_singularities(get_mechanism("2RFR"), rho_max=6.0, bounds=bounds, grid=3, progress=False)
+        curves = forward_singularities(get_mechanism("2RFR-paper"), rho_max=6.0, bounds=bounds, grid=3, progress=False)
         assert curves
         for curve in curves:
             assert (curve.inputs >= np.array(bounds)[:, 0] - 1e-8).all()
@@ -325,7 +325,7 @@ class TestOtherMechanisms:
                 assert np.linalg.svd(scaled(jacobian(equilibrium, is_forward=True)), compute_uv=False)[-1] < 1e-9
 
     def test_a_platform_on_a_slice_of_poses(self) -> None:
-        mechanism = get_mechanism("3PFR")
+        mechanism = get_mechanism("3PFR-paper")
         curves = inverse_singularities(mechanism, rho_max=5.0, held={2: 0.1}, grid=3, progress=False)
         assert curves
         for curve in curves:
@@ -346,10 +346,10 @@ class TestOtherMechanisms:
     )
     def test_wrong_arguments_are_named(self, arguments: dict[str, object], message: str) -> None:
         with pytest.raises(ValueError, match=message):
-            forward_singularities(get_mechanism("2RFR"), progress=False, **arguments)  # type: ignore[arg-type]
+            forward_singularities(get_mechanism("2RFR-paper"), progress=False, **arguments)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("solve", [forward_singularities, inverse_singularities, build_atlas])
 def test_unknown_keywords_are_refused(solve: Callable[..., object]) -> None:
     with pytest.raises(TypeError, match="cells"):
-        solve(get_mechanism("2RFR"), progress=False, cells=8)
+        solve(get_mechanism("2RFR-paper"), progress=False, cells=8)

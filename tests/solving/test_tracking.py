@@ -151,7 +151,7 @@ class TestPitchfork:
         np.testing.assert_allclose(step.equilibrium.load, step.fraction * load, rtol=1e-12)
 
     def test_of_the_catalogued_mechanism_in_newtons(self) -> None:
-        mechanism = get_mechanism("2PFR")
+        mechanism = get_mechanism("2PFR-paper")
         home = home_equilibrium(mechanism)
         step = BranchTracker(mechanism, home).step(home.inputs, (0.0, -5.0))
         assert step.event == Event.INDEX_CHANGE

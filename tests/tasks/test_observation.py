@@ -10,9 +10,9 @@ import pytest
 import pcm_gym
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Goals, box_of, observation_elements
-from tests.environments.rollouts import folding_arguments, make_bare, make_native, sweeping_actions
+from tests.environments.rollouts import MECHANISMS, folding_arguments, make_bare, make_native, sweeping_actions
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = MECHANISMS
 
 
 def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, float]:
@@ -41,6 +41,9 @@ def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, fl
         result |= {f"clamp_load_along_{n}": weight * along / size, f"clamp_load_across_{n}": weight * across / size}
         assert along / size == pytest.approx(math.cos(rod.psi), abs=1e-9)
         assert across / size == pytest.approx(math.sin(rod.psi), abs=1e-9)
+    units = mechanism.units
+    for n, effort in enumerate((equilibrium.actuator_forces / (units.energy / units.inputs)).tolist(), start=1):
+        result[f"effort_{n}"] = effort / (10.0 + abs(effort))
     stability, singularity = equilibrium.stability_margin, equilibrium.singularity_margin
     return result | {
         "is_stable": float(is_stable),
@@ -105,7 +108,7 @@ def test_layout_names_the_parts_of_the_observation() -> None:
     assert parts["goal_in_8"] == ["x_in_8", "y_in_8"]
     assert (parts["load"], parts["commands"]) == (["load_1", "load_2"], ["command_1", "command_2"])
     is_noisy = env.reset(seed=0)[0]["observation"] != quiet.reset(seed=0)[0]["observation"]
-    assert [part for part in parts if is_noisy[layout[part]].any()] == ["pose", "inputs", "rods"]
+    assert [part for part in parts if is_noisy[layout[part]].any()] == ["pose", "inputs", "rods", "efforts"]
     with pytest.raises(KeyError, match=r"name must be one of .*'is_stable'.*, got 'stable'"):
         layout["stable"]
 

@@ -5,8 +5,9 @@ To be read in this order:
 1. `singularity`: what makes a state singular, and the metric in which changes of the unknowns are measured.
 2. `tracer`: pseudo-arclength continuation of any smooth curve of equilibria.
 3. `smoothness`: whether one smooth branch leads from one end of a step to the other.
-4. `continuation`: one branch along a straight line in inputs and load, with its events.
-5. `curves`: singular curves, and the equilibria on a line on which they are sought.
+4. `steps`: one step along a straight line in inputs and load, natural or by arc.
+5. `continuation`: one branch along such a line, with its events.
+6. `curves`: singular curves, and the equilibria on a line on which they are sought.
 
 Symbols, the same in all of them:
 

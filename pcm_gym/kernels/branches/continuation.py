@@ -1,9 +1,8 @@
 """Following one branch of equilibria along a straight line in (inputs, load), with its events.
 
-The line is parametrised by the fraction s in [0, 1], the unknowns are y = (x, s). Natural steps in s are tried first:
-Euler predictor, Newton corrector, accepted only if the first correction is small, the corrections contract fast and the
-Morse index is unchanged; on one branch it can change only at a singular point. Where natural steps fail,
-pseudo-arclength steps (see `tracer`) take over, which pass folds: there ds changes its sign, and the fold is located.
+The line is parametrised by the fraction s in [0, 1], the unknowns are y = (x, s). Natural steps in s are tried first.
+Where they fail, pseudo-arclength steps take over, which pass folds (see `steps` for both). The length of a step is
+chosen from the defect of the last one, see `smoothness`.
 """
 
 import math
@@ -13,34 +12,22 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.singularity import FORWARD, singularity
-from pcm_gym.kernels.branches.smoothness import is_clear, is_even, is_one_branch, look
-from pcm_gym.kernels.branches.tracer import (
-    REGULAR,
-    Bracket,
-    BracketRules,
-    Tracer,
-    accept,
-    make_tracer,
-    move,
-    narrowed,
-    next_trial,
-    place_at,
-    set_parameters,
-    start,
+from pcm_gym.kernels.branches.smoothness import UNSEEN
+from pcm_gym.kernels.branches.steps import (
+    AT_END,
+    AT_FOLD,
+    LOST,
+    OTHER_INDEX,
+    TAKEN,
+    TURNED_BACK,
+    predict_and_correct,
+    start_naturally,
+    step_by_arc,
+    step_naturally,
 )
+from pcm_gym.kernels.branches.tracer import REGULAR, Tracer, accept, make_tracer, place_at, set_parameters, start
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.statics.closure import (
-    LOWER,
-    UPPER,
-    Workspace,
-    evaluate_rods,
-    make_workspace,
-    place,
-    set_path_derivative,
-    set_residual,
-    solve_equilibrium_system,
-)
-from pcm_gym.kernels.statics.newton import CONVERGED, NewtonRules, solve_forward_locally
+from pcm_gym.kernels.statics.closure import LOWER, UPPER, Workspace, make_workspace, place, set_residual
 from pcm_gym.kernels.statics.stability import assess_stability
 from pcm_gym.kernels.statics.states import Point
 
@@ -56,13 +43,11 @@ class LineRules(NamedTuple):
     natural_steps: int = 10_000
     # As a fraction of the line; where shorter ones are needed, arcs take over. Where arcs come to no end there are no
     # folds, but rods that grow taut: they need short steps, and natural ones are the longer ones there.
-    least_natural_step: float = 1.0 / 64.0
+    least_natural_step: float = 1.0 / 4.0
     least_step_after_arcs: float = 1.0 / 4096.0
     arc_steps: int = 100
-    first_arc: float = 0.01  # doubled after each step, halved where one is refused
     least_arc: float = 1e-9
     largest_arc: float = 0.2
-    least_cosine: float = 0.9  # of the angle between the tangents at both ends of a step
     # Largest determinant of a state that may be a bifurcation. The branch turns back there, as at a fold, if the inputs
     # have no larger share in the squared arc than this.
     singular: float = 1e-6
@@ -70,17 +55,9 @@ class LineRules(NamedTuple):
     first_crossing: float = 1e-8  # fraction by which a change of index is stepped over; four times that if in vain
 
 
-STEP_RULES = NewtonRules(first_correction=0.05, contraction=0.2, iterations=8)
 _RULES = LineRules()
-# The tolerance is one of s, which is quadratic at the fold: its error is that of ds / darc times that of the arc.
-_FOLD_RULES = BracketRules(trials=100, bisect_every=3, least_part=0.01, weight=1.0, tolerance=1e-11)
-
-# In place of the index of a state that was not found.
-_LOST = -1
 # In place of an event: there was none so far.
 _GOES_ON = -1
-# What became of a step by arc length.
-_TAKEN, _REFUSED, _OTHER_INDEX, _TURNED_BACK, _AT_FOLD, _AT_END = range(6)
 
 
 class Tracked(NamedTuple):
@@ -150,8 +127,8 @@ def follow_branch(
 def track_in_one_step(legs: Array, point: Point, inputs_target: Array, line: Tracer, work: Workspace) -> Tracked:
     """Go to the target in one natural step and change the point; or leave it, with `SOLVER_FAILURE`."""
     _set_ends(point, inputs_target, point.load, line)
-    index, is_regular = _start_naturally(legs, line, work)
-    if not (is_regular and _step_naturally(legs, 1.0, index, line, work)):
+    index, is_regular = start_naturally(legs, line, work)
+    if not (is_regular and step_naturally(legs, 1.0, index, UNSEEN, line, work).outcome == TAKEN):
         place(legs, point.x, point.inputs, work)
         return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, work)
     point.x[:], point.inputs[:] = line.trial_x, inputs_target
@@ -197,10 +174,10 @@ def _follow(legs: Array, reach: float, line: Tracer, work: Workspace) -> int:
     """Follow the branch with constant index from `y` to the fraction `reach`, left in `y`; return the event there."""
     least = _RULES.least_natural_step
     for _ in range(_RULES.turns):
-        index = _follow_naturally(legs, reach, least, line, work)
+        index, step = _follow_naturally(legs, reach, least, line, work)
         if line.y[-1] >= reach:
             return NONE
-        event = _follow_by_arclength(legs, reach, index, line, work)
+        event = _follow_by_arclength(legs, step, reach, index, line, work)
         if event != _GOES_ON:
             return event
         least = _RULES.least_step_after_arcs
@@ -208,94 +185,34 @@ def _follow(legs: Array, reach: float, line: Tracer, work: Workspace) -> int:
 
 
 @kernel
-def _follow_naturally(legs: Array, reach: float, least: float, line: Tracer, work: Workspace) -> int:
-    """Follow the branch in steps of at least this fraction, as far as they lead; return its index."""
-    y = line.y
+def _follow_naturally(legs: Array, reach: float, least: float, line: Tracer, work: Workspace) -> tuple[int, float]:
+    """Follow the branch in steps of at least this fraction, as far as they lead; return its index and the next step."""
+    y, here = line.y, UNSEEN
     step = reach - y[-1]
-    index, is_regular = _start_naturally(legs, line, work)
+    index, is_regular = start_naturally(legs, line, work)
     for _ in range(_RULES.natural_steps):
         if not is_regular or y[-1] >= reach or step < least:
             break
+        step = min(step, reach - y[-1])
         end = y[-1] + step if step < (reach - y[-1]) * (1.0 - 1e-12) else reach
-        if _step_naturally(legs, end, index, line, work):
+        tried = step_naturally(legs, end, index, here, line, work)
+        if tried.outcome == TAKEN:
+            here = tried.there
             for j in range(y.shape[0]):
                 y[j], line.tangent[j] = line.trial[j], line.trial_tangent[j]
-            step *= 2.0
-        else:
-            step *= 0.5
-    return index
-
-
-@formula
-def _start_naturally(legs: Array, line: Tracer, work: Workspace) -> tuple[int, bool]:
-    """Set rod table and tangent of `y`; return its index, and whether there is a tangent."""
-    place_at(legs, line.y, line, work)
-    is_regular = _set_natural_tangent(legs, line.x, line.tangent, line, work)
-    return assess_stability(legs, line.x, work).morse_index, is_regular
-
-
-@kernel
-def _set_natural_tangent(legs: Array, x: Array, tangent: Array, line: Tracer, work: Workspace) -> bool:
-    """Fill the tangent at a state, whose rod table is set, with d y / d s; return whether there is one."""
-    set_path_derivative(legs, x, line.input_rates[0], line.load_rates[0], work, work.residual)
-    is_regular = solve_equilibrium_system(legs, x, work.residual, work)
-    for j in range(work.step.shape[0]):
-        tangent[j] = work.step[j]
-    tangent[-1] = 1.0
-    return is_regular
-
-
-@kernel
-def _step_naturally(legs: Array, end: float, index: int, line: Tracer, work: Workspace) -> bool:
-    """Put the state at the fraction `end` into the trial, with its tangent; return whether the branch leads there.
-
-    It must do so smoothly and with this index all the way.
-    """
-    return _predict_and_correct(legs, end, line, work) == index and _is_smooth(legs, end - line.y[-1], line, work)
-
-
-@kernel
-def _predict_and_correct(legs: Array, end: float, line: Tracer, work: Workspace) -> int:
-    """Put a state at the fraction `end` into the trial; return its index, or `_LOST`."""
-    way = end - line.y[-1]
-    for j in range(work.step.shape[0]):
-        line.trial[j] = line.y[j] + way * line.tangent[j]
-    line.trial[-1] = end
-    return _correct_state(legs, line, work)
-
-
-@kernel
-def _is_smooth(legs: Array, way: float, line: Tracer, work: Workspace) -> bool:
-    """Return whether the natural step to the trial, whose rod table is set, is smooth; fill the trial's tangent."""
-    if not _set_natural_tangent(legs, line.trial_x, line.trial_tangent, line, work):
-        return False
-    if not is_even(legs, way, line, work):
-        return False
-    there = look(legs, line.trial, line.trial_tangent, -way, line, work)
-    place_at(legs, line.y, line, work)
-    return is_clear(look(legs, line.y, line.tangent, way, line, work), there, 1.0)
-
-
-@formula
-def _correct_state(legs: Array, line: Tracer, work: Workspace) -> int:
-    """Correct the trial's state at its fraction and set its rod table; return its index, or `_LOST`."""
-    x = line.trial_x
-    set_parameters(line.trial, line)
-    if solve_forward_locally(legs, line.inputs, line.load, x, STEP_RULES, work) != CONVERGED:
-        return _LOST
-    evaluate_rods(legs, x, work)
-    return assess_stability(legs, x, work).morse_index
+        step *= tried.growth
+    return index, step
 
 
 @kernel
 def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
     """Step over a change of index with the tangent before it; return whether that succeeded."""
-    index, _ = _start_naturally(legs, line, work)
+    index, _ = start_naturally(legs, line, work)
     end, step = line.y[-1], _RULES.first_crossing
     while end < reach:
         end = min(line.y[-1] + step, reach)
-        index_beyond = _predict_and_correct(legs, end, line, work)
-        if index_beyond not in (_LOST, index):
+        index_beyond = predict_and_correct(legs, end, line, work)
+        if index_beyond not in (LOST, index):
             line.y[:] = line.trial
             return True
         step *= 4.0
@@ -303,33 +220,42 @@ def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
 
 
 @kernel
-def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, work: Workspace) -> int:
-    """Follow the branch by arcs; return the event that ends it, or `_GOES_ON` after many without one."""
+def _follow_by_arclength(legs: Array, step: float, reach: float, index: int, line: Tracer, work: Workspace) -> int:
+    """Follow the branch by arcs, the first one as long as a natural step; return the event that ends it.
+
+    That is `_GOES_ON` after many arcs without one.
+    """
     line.border[:] = 0.0
     line.border[-1] = 1.0
     if not start(legs, 1.0, line, work):
         return SOLVER_FAILURE
-    arc, refused_for, refused_at = _RULES.first_arc, SOLVER_FAILURE, math.inf
+    arc, longest, here = step / line.tangent[-1], 0.0, UNSEEN
+    refused_for, refused_at = SOLVER_FAILURE, math.inf
     for _ in range(_RULES.arc_steps):
         if arc < _RULES.least_arc:
             break
-        outcome = _step_by_arc(legs, arc, reach, index, line, work)
-        if outcome == _AT_FOLD:
+        arc = min(arc, _RULES.largest_arc)
+        tried = step_by_arc(legs, arc, reach, index, here, line, work)
+        if tried.outcome == AT_FOLD:
             return FOLD
-        if outcome == _AT_END:
+        if tried.outcome == AT_END:
             return NONE
-        if outcome == _TAKEN:
+        arc *= tried.growth
+        if tried.outcome == TAKEN:
             refused_for = refused_for if line.trial[-1] < refused_at else SOLVER_FAILURE
+            arc, longest = (arc * arc / longest if arc < longest else arc), arc  # arcs that shrink go on shrinking
+            here = tried.there
             accept(legs, line, work)
-            arc = min(2.0 * arc, _RULES.largest_arc)
-            continue
-        if outcome == _OTHER_INDEX:
+        elif tried.outcome == OTHER_INDEX:
             refused_for, refused_at = INDEX_CHANGE, line.trial[-1]
-        elif outcome == _TURNED_BACK:
+        elif tried.outcome == TURNED_BACK:
             refused_for, refused_at = FOLD, math.inf
-        arc *= 0.5
-    if arc >= _RULES.least_arc:
-        return _GOES_ON
+    return _GOES_ON if arc >= _RULES.least_arc else _event_at_end(legs, refused_for, line, work)
+
+
+@kernel
+def _event_at_end(legs: Array, refused_for: int, line: Tracer, work: Workspace) -> int:
+    """Return the event at `y`, beyond which no arc was taken."""
     if refused_for == SOLVER_FAILURE:
         return refused_for
     place_at(legs, line.y, line, work)
@@ -337,71 +263,3 @@ def _follow_by_arclength(legs: Array, reach: float, index: int, line: Tracer, wo
         return refused_for
     share = line.border[-1] * line.tangent[-1]  # of the inputs in the squared arc
     return FOLD if share < _RULES.share_at_fold else INDEX_CHANGE
-
-
-@kernel
-def _step_by_arc(legs: Array, arc: float, reach: float, index: int, line: Tracer, work: Workspace) -> int:
-    """Put the point at `arc` into the trial, or that at the fold or the end before it into `y`; return which."""
-    if not (move(legs, arc, STEP_RULES, line, work) and is_even(legs, arc, line, work)):
-        return _REFUSED
-    trial_index = assess_stability(legs, line.trial_x, work).morse_index
-    there = look(legs, line.trial, line.trial_tangent, -arc, line, work)
-    place_at(legs, line.y, line, work)
-    here = look(legs, line.y, line.tangent, arc, line, work)
-    rate = line.trial_tangent[-1]
-    if not is_one_branch(here, there, rate):
-        if trial_index != index:
-            return _OTHER_INDEX
-        return _TURNED_BACK if rate <= 0.0 else _REFUSED
-    if rate <= 0.0:
-        fold = _locate_fold(legs, arc, index, line, work)
-        if fold[-1] > reach:
-            return _REFUSED
-        line.y[:] = fold
-        return _AT_FOLD
-    cosine = 0.0
-    for j in range(line.y.shape[0]):
-        cosine += line.border[j] * line.trial_tangent[j]
-    if cosine < _RULES.least_cosine:
-        return _REFUSED
-    is_beyond = line.trial[-1] >= reach
-    if not is_beyond and trial_index != index:
-        return _OTHER_INDEX
-    part = (reach - line.y[-1]) / (line.trial[-1] - line.y[-1]) if is_beyond else 1.0
-    if not is_clear(here, there, part):
-        return _REFUSED
-    if is_beyond:
-        return _AT_END if _step_back_to(legs, reach, part, index, line, work) else _REFUSED
-    place_at(legs, line.trial, line, work)
-    return _TAKEN
-
-
-@kernel
-def _step_back_to(legs: Array, reach: float, part: float, index: int, line: Tracer, work: Workspace) -> bool:
-    """Go to the fraction `reach`, at a part of the step to the trial; return whether this branch is there."""
-    for j in range(work.step.shape[0]):
-        line.trial[j] = line.y[j] + part * (line.trial[j] - line.y[j])
-    line.trial[-1] = reach
-    if _correct_state(legs, line, work) != index:
-        return False
-    line.y[:] = line.trial
-    return True
-
-
-@kernel
-def _locate_fold(legs: Array, arc: float, index: int, line: Tracer, work: Workspace) -> Array:
-    """Return the last point before the fold, where ds / darc changes its sign, between `y` and the trial at `arc`."""
-    low, rules = line.y.copy(), _FOLD_RULES
-    bracket = Bracket(0.0, line.tangent[-1], arc, line.trial_tangent[-1], 0)
-    for number in range(rules.trials):
-        if (bracket.high - bracket.low) * max(bracket.low_value, -bracket.high_value) < rules.tolerance:
-            break
-        middle = next_trial(bracket, number, rules)
-        is_found = move(legs, middle, STEP_RULES, line, work)
-        rate = line.trial_tangent[-1] if is_found else bracket.high_value
-        if rate > 0.0 and assess_stability(legs, line.trial_x, work).morse_index == index:
-            low[:] = line.trial
-        else:
-            rate = min(rate, 0.0)
-        bracket = narrowed(bracket, middle, rate, rules)
-    return low

@@ -19,6 +19,7 @@ from pcm_gym.kernels.branches.tracer import (
     Tracer,
     accept,
     correct,
+    cosine_of_turn,
     make_tracer,
     move,
     narrowed,
@@ -216,11 +217,7 @@ def _step(legs: Array, arc: float, curve: _Curve) -> tuple[float, float]:
     t = curve.tracer
     while arc > _RULES.least_arc:
         if move(legs, arc, _STEP_RULES, t, curve.work):
-            metric_length(legs, t.trial_tangent, t.vector, curve.work)
-            cosine = 0.0  # as the metrics of both ends see it: one alone would take its own change for a turn
-            for j in range(t.y.shape[0]):
-                cosine += 0.5 * (t.border[j] * t.trial_tangent[j] + t.vector[j] * t.tangent[j])
-            turn = math.acos(min(max(cosine, -1.0), 1.0))
+            turn = math.acos(min(max(cosine_of_turn(legs, t, curve.work), -1.0), 1.0))
             if turn < _RULES.largest_turn and (not curve.problem.is_singular or _sees_cusps(legs, arc, curve)):
                 return arc, turn
         arc *= 0.5

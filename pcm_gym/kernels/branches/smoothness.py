@@ -8,9 +8,11 @@ D'_1. If a smooth branch joins the ends, then
 
     y_1 - y_0 = h (t_0 + t_1) / 2   and   D_1 - D_0 = h (D'_0 + D'_1) / 2
 
-up to terms of third order, which also measure how much more of the branch the ends do not tell. A step is accepted if
-both are small, and if the cubic through the values and rates of D keeps farther from zero than that. A longer step than
-the branch's own scale fails, and is divided. This is a test, not a proof.
+up to terms of third order, which also measure how much more of the branch the ends do not tell; t_1 and D'_1 are by the
+step's own parameter, with arcs not by the length along the tangent there. A step is accepted if both are small, if the
+ends' determinants are not too unlike, and if the cubic through the values and rates of D keeps farther from zero than
+that, and than a part of the smaller end. A longer step than the branch's own scale fails, and is divided. This is a
+test, not a proof.
 """
 
 import math
@@ -32,6 +34,15 @@ _ROUNDING = 1e-10
 _LARGEST_SPREAD = 0.05
 # Beside a determinant at the other end so much larger, one is nothing.
 _NOTHING = 1e-6
+# Largest ratio of the determinants at both ends, and least one of the cubic between them and the smaller end: beyond
+# that the ends do not tell whether it vanishes beside one of them, or in a dip between two that are much alike.
+_LARGEST_RATIO, _LEAST_RATIO = 8.0, 0.25
+# A step that begins at a determinant as small as this begins at a singular state.
+_SINGULAR = 1e-8
+# What is known of an end serves for later steps from it, until one is this part of the step it was looked at for.
+_KEPT = 1.0 / 8.0
+# Part of the largest defect that a step is to have, and by how much it grows or shrinks at most.
+_WANTED, _LEAST_GROWTH, _LARGEST_GROWTH = 0.7, 0.1, 2.0
 # The cubic must keep farther from zero than this many defects.
 _CLEARANCE = 1.0
 # Part of a step over which the rate of the determinant is differenced.
@@ -44,6 +55,14 @@ _LARGEST_SURPRISE = 0.3
 _SAMPLES = 8
 
 
+class Look(NamedTuple):
+    """The determinant at a point of a branch, and its rate along the tangent there."""
+
+    value: float
+    rate: float
+    way: float  # length of the step that it was made for
+
+
 class End(NamedTuple):
     """The determinant at one end of a step, and how much it would change over the whole step at its rate there."""
 
@@ -51,8 +70,12 @@ class End(NamedTuple):
     change: float
 
 
+# Of a point that was not looked at, which serves for no step.
+UNSEEN = Look(0.0, 0.0, math.inf)
+
+
 @kernel
-def look(legs: Array, y: Array, tangent: Array, way: float, line: Tracer, work: Workspace) -> End:
+def look(legs: Array, y: Array, tangent: Array, way: float, line: Tracer, work: Workspace) -> Look:
     """Return what is known of the end `y` of a step, in which the tangent, times `way`, leads to the other end.
 
     The rod table must be that of `y`, and is one beside it afterwards. The step is the absolute value of `way` long.
@@ -63,26 +86,49 @@ def look(legs: Array, y: Array, tangent: Array, way: float, line: Tracer, work: 
         line.vector[j] = y[j] + _DIFFERENCE * way * tangent[j]
     place_at(legs, line.vector, line, work)
     beside = singularity(legs, line.vector[:size], FORWARD, work)
-    change = (beside - value) / _DIFFERENCE
-    return End(value, change if way > 0.0 else -change)
+    return Look(value, (beside - value) / (_DIFFERENCE * way), abs(way))
+
+
+@kernel
+def look_from_start(legs: Array, way: float, known: Look, line: Tracer, work: Workspace) -> Look:
+    """Return what is known of `y`, from which a step of `way` leads: the same as before where that will do."""
+    if known.way * _KEPT <= way:
+        return known
+    place_at(legs, line.y, line, work)
+    return look(legs, line.y, line.tangent, way, line, work)
 
 
 @formula
-def is_even(legs: Array, way: float, line: Tracer, work: Workspace) -> bool:
-    """Return whether both tangents of the step from `y` to the trial, whose rod table is set, agree with its chord."""
+def end_of(seen: Look, way: float) -> End:
+    """Return what is known of an end of a step of this length, in the parameter of its rate."""
+    return End(seen.value, way * seen.rate)
+
+
+@formula
+def unevenness(legs: Array, way: float, way_there: float, line: Tracer, work: Workspace) -> float:
+    """Return how much the tangents at `y` and at the trial, whose rod table is set, disagree with their chord.
+
+    Each is taken times its own `way`; 1 is the most that is allowed.
+    """
     for j in range(work.step.shape[0]):
-        work.step[j] = 0.5 * way * (line.tangent[j] + line.trial_tangent[j])
+        work.step[j] = 0.5 * (way * line.tangent[j] + way_there * line.trial_tangent[j])
     length = correction_size(legs, line.trial_x, work)
     for j in range(work.step.shape[0]):
         work.step[j] -= line.trial[j] - line.y[j]
-    defect = correction_size(legs, line.trial_x, work)
-    return is_small_defect(defect, length)
+    return relative_defect(correction_size(legs, line.trial_x, work), length)
 
 
 @formula
-def is_small_defect(defect: float, length: float) -> bool:
-    """Return whether the mean of both tangents, of this length, agrees with the chord."""
-    return defect <= max(_LARGEST_DEFECT * length, _ROUNDING)
+def relative_defect(defect: float, length: float) -> float:
+    """Return how much the mean of both tangents, of this length, disagrees with the chord; 1 is the most allowed."""
+    return defect / max(_LARGEST_DEFECT * length, _ROUNDING)
+
+
+@formula
+def growth(uneven: float) -> float:
+    """Return how many times longer the next step is to be after one so uneven, which is of second order."""
+    factor = math.sqrt(_WANTED / max(uneven, _ROUNDING)) if uneven < math.inf else 0.0
+    return min(max(factor, _LEAST_GROWTH), _LARGEST_GROWTH)
 
 
 @formula
@@ -101,23 +147,26 @@ def is_one_branch(here: End, there: End, rate: float) -> bool:
 def is_clear(here: End, there: End, part: float) -> bool:
     """Return whether the determinant keeps its sign over a part of a step, as far as its ends tell.
 
-    The step may begin at a singular state, but for rounding.
+    The step may begin at a singular state, but for rounding. Otherwise such states are left and approached by steps in
+    which the determinant changes by no more than a factor.
     """
     defect = abs(there.value - here.value - 0.5 * (here.change + there.change))
     least, greatest = math.inf, max(abs(here.value), abs(there.value))
     is_nothing = abs(here.value) <= _NOTHING * greatest
     sign = 1.0 if (there.value if is_nothing else here.value) > 0.0 else -1.0
     for k in range(1, _SAMPLES + 1):
-        least = min(least, sign * cubic(here, there, part * k / _SAMPLES))
-    return (defect <= _LARGEST_SPREAD * greatest) & (least > _CLEARANCE * defect)
+        least = min(least, sign * cubic(here.value, here.change, there.value, there.change, part * k / _SAMPLES))
+    smaller = min(abs(here.value), abs(there.value))
+    is_close = (_LARGEST_RATIO * smaller >= greatest) | (abs(here.value) <= _SINGULAR)
+    keeps_off = least > max(_CLEARANCE * defect, _LEAST_RATIO * smaller)
+    return (defect <= _LARGEST_SPREAD * greatest) & keeps_off & is_close
 
 
 @formula
-def cubic(here: End, there: End, part: float) -> float:
-    """Return Hermite's cubic through both ends, at a part of the step."""
-    rest, chord = 1.0 - part, there.value - here.value
-    bow = (here.change - chord) * rest - (there.change - chord) * part
-    return here.value + part * chord + part * rest * bow
+def cubic(first: float, change: float, last: float, last_change: float, part: float) -> float:
+    """Return Hermite's cubic at a part of a step, from the values and rates, per step, at both ends."""
+    rest, chord = 1.0 - part, last - first
+    return first + part * chord + part * rest * ((change - chord) * rest - (last_change - chord) * part)
 
 
 @formula

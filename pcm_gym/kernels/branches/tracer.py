@@ -168,10 +168,22 @@ def move(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace
 
 
 @kernel
+def move_foreseen(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace) -> bool:
+    """Do what `move` does, from a trial that is already near the point."""
+    return _correct_trial(legs, arc, rules, t, work) and _set_tangent(legs, t, work)
+
+
+@kernel
 def correct(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace) -> bool:
     """Put the point at `arc` into the trial; return whether that succeeded."""
     for j in range(t.y.shape[0]):
         t.trial[j] = t.y[j] + arc * t.tangent[j]
+    return _correct_trial(legs, arc, rules, t, work)
+
+
+@kernel
+def _correct_trial(legs: Array, arc: float, rules: NewtonRules, t: Tracer, work: Workspace) -> bool:
+    """Correct the trial to the point at `arc`; return whether that succeeded."""
     previous = math.inf
     for iteration in range(rules.iterations):
         _set_system(legs, arc, t, work)
@@ -280,6 +292,28 @@ def length_of(legs: Array, change: Array, t: Tracer, work: Workspace, out: Array
     for j in range(size + 1):
         squared += out[j] * change[j]
     return math.sqrt(max(squared, 0.0))
+
+
+@kernel
+def cosine_of_turn(legs: Array, t: Tracer, work: Workspace) -> float:
+    """Return the cosine of the angle between the tangents at `y` and at the trial, whose rod table is set.
+
+    It is as the metrics of both ends see it: one alone would take its own change for a turn.
+    """
+    length_of(legs, t.trial_tangent, t, work, t.vector)
+    cosine = 0.0
+    for j in range(t.y.shape[0]):
+        cosine += 0.5 * (t.border[j] * t.trial_tangent[j] + t.vector[j] * t.tangent[j])
+    return cosine
+
+
+@formula
+def speed_at_trial(t: Tracer) -> float:
+    """Return how far the trial moves along its unit tangent per arc, which is measured along that at `y`."""
+    along = 0.0
+    for j in range(t.y.shape[0]):
+        along += t.border[j] * t.trial_tangent[j]
+    return 1.0 / along
 
 
 @formula

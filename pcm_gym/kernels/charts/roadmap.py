@@ -19,7 +19,7 @@ from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.numerics.linear import determinant
 from pcm_gym.kernels.numerics.rasters import INPUTS, NOWHERE, Rasters, nearest_cell, neighbour, set_node
 from pcm_gym.kernels.numerics.slices import slices
-from pcm_gym.kernels.snaps.instability import advance, is_instability
+from pcm_gym.kernels.snaps.instability import advance, is_instability, make_falls
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace, place
 from pcm_gym.kernels.statics.equilibrium import set_forward_jacobian
 from pcm_gym.kernels.statics.margin import singularity_margin
@@ -250,8 +250,9 @@ def move_rows(legs: Array, states: States, targets: Array, behaviour: int) -> tu
 def _move_some(legs: Array, states: States, targets: Array, behaviour: int, has_arrived: Mask, was_lost: Mask) -> None:
     count, leg_count = targets.shape
     line, work = make_line(leg_count, states.x.shape[1]), make_workspace(leg_count, states.x.shape[1])
+    falls = make_falls()
     for n in range(count):
         point = Point(states.x[n], states.inputs[n], states.load[n])
-        tracked = advance(legs, point, targets[n], behaviour, line, work)
+        tracked = advance(legs, point, targets[n], behaviour, falls, line, work)
         has_arrived[n] = tracked.fraction == 1.0 and tracked.morse_index == 0
         was_lost[n] = is_instability(tracked.event)

@@ -7,11 +7,14 @@ from pcm_gym.kernels.branches.continuation import NONE, make_line, track_in_one_
 from pcm_gym.kernels.branches.tracer import Tracer
 from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
-from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, store_lane
+from pcm_gym.kernels.lockstep.rows import load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States
+
+# A step that is refused is halved, down to this part of it, which is then made alone.
+_LEAST_PART = 0.25
 
 
 @kernel
@@ -37,7 +40,7 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
             for lane in range(here):
                 row = rows[first + lane]
                 is_refused = block.common[0].is_sound[lane] == 0.0
-                if is_refused and part[row] > LEAST_PART:
+                if is_refused and part[row] > _LEAST_PART:
                     part[row] *= 0.5
                     continue
                 made = min(part[row], left[row])

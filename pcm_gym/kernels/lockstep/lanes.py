@@ -8,8 +8,8 @@ of a row does not depend on its neighbours.
 import math
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.branches.continuation import STEP_RULES
-from pcm_gym.kernels.branches.smoothness import is_as_foreseen, is_small_defect
+from pcm_gym.kernels.branches.smoothness import growth, is_as_foreseen, relative_defect
+from pcm_gym.kernels.branches.steps import STEP_RULES
 from pcm_gym.kernels.lockstep.lanes_margin import set_margins
 from pcm_gym.kernels.lockstep.layout import (
     Block,
@@ -67,6 +67,8 @@ _VECTOR = 8
 # rounding errors there, so a lane is also left if the errors of its equilibrium are larger than this in the end.
 _POLE_LIMIT = 1e-11
 _RESIDUAL_LIMIT = 1e-12
+# Least and largest part of a step that is refused, for its next trial: what lanes know of such a step is little.
+_LEAST_LEFT, _MOST_LEFT = 0.25, 0.5
 # Newton iterations before a lane is left to the scalar code, which may take more.
 _MOST_ITERATIONS = 5
 
@@ -96,6 +98,13 @@ def rest_block(legs: Array, block: Block, count: int, dof: int) -> int:
     _finish(legs, block, computed, dof)
     set_margins(legs, block, computed, dof)
     return computed
+
+
+@formula
+def growth_of_lane(common: CommonLanes, lane: int) -> float:
+    """Return how many times longer the next step of a lane is to be, from what became of this one."""
+    factor = growth(relative_defect(common.defect[lane], common.length[lane]))
+    return factor if common.is_sound[lane] > 0.0 else min(max(factor, _LEAST_LEFT), _MOST_LEFT)
 
 
 @kernel
@@ -317,7 +326,7 @@ def _keep_tangent(block: Block, count: int, dof: int) -> None:
 
 @kernel
 def _refuse_uneven(legs: Array, block: Block, count: int) -> None:
-    """Refuse the lanes whose tangents at both ends do not agree with the chord, as `is_even` does."""
+    """Refuse the lanes whose tangents at both ends do not agree with the chord, as `unevenness` tells."""
     common = block.common[0]
     _set_rates(legs, block, count)
     _solve(block, count)
@@ -331,7 +340,7 @@ def _refuse_uneven(legs: Array, block: Block, count: int) -> None:
     for i in range(block.legs.shape[0]):
         _measure_rod(block.legs[i], common, count)
     for lane in range(count):
-        keep_if(common, lane, is_small_defect(common.defect[lane], common.length[lane]))
+        keep_if(common, lane, relative_defect(common.defect[lane], common.length[lane]) <= 1.0)
 
 
 @kernel

@@ -5,9 +5,6 @@ from pcm_gym.kernels.lockstep.layout import Block
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.statics.states import States
 
-# A step that is refused is halved, down to this part of it, before it is tracked alone.
-LEAST_PART = 0.25
-
 
 @formula
 def load_lane(states: States, row: int, target: Array, block: Block, lane: int) -> None:

@@ -22,10 +22,19 @@ from pcm_gym.kernels.statics.states import Point
 # The behaviours.
 TERMINATE, HOLD, SNAP, CONTINUE = range(4)
 
+# What `advance` counts: falls, and the energy that they release.
+FALLS, ENERGY = 0, 1
+
 # Snaps in one step of the inputs.
 _MOST_SNAPS = 8
 # Parts of the way left that are tried, one after the other, to get away from a bifurcation into stable branches.
 _PARTS_BEYOND = (1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0)
+
+
+@kernel
+def make_falls() -> Array:
+    """Return room for what `advance` counts."""
+    return np.zeros(2)
 
 
 @formula
@@ -35,17 +44,21 @@ def is_instability(event: int) -> bool:
 
 
 @kernel
-def advance(legs: Array, point: Point, target: Array, behaviour: int, line: Tracer, work: Workspace) -> Tracked:
+def advance(
+    legs: Array, point: Point, target: Array, behaviour: int, falls: Array, line: Tracer, work: Workspace
+) -> Tracked:
     """Move the inputs of an equilibrium to `target` and change the point; the rod table becomes that of its end.
 
     The event is the first loss of stability on the way, if there is one. With `TERMINATE` and `HOLD` the way ends
     before it; with `SNAP` only before a bifurcation that the target is too little beyond for a snap; with `CONTINUE`
-    only at a fold. After a solver failure the point means nothing.
+    only at a fold. After a solver failure the point means nothing. Fills `falls` (2,) with the number of falls and the
+    energy that they release.
     """
+    falls[:] = 0.0
     if _is_there(point.inputs, target):
         return _stand_still(legs, point, NONE, 1.0, work)
     if behaviour == SNAP:
-        return _advance_snapping(legs, point, target, line, work)
+        return _advance_snapping(legs, point, target, falls, line, work)
     tracked = track(legs, point, target, point.load, False, line, work)
     if behaviour != CONTINUE or tracked.event != INDEX_CHANGE:
         return tracked
@@ -59,7 +72,7 @@ def advance(legs: Array, point: Point, target: Array, behaviour: int, line: Trac
 
 
 @kernel
-def _advance_snapping(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> Tracked:
+def _advance_snapping(legs: Array, point: Point, target: Array, falls: Array, line: Tracer, work: Workspace) -> Tracked:
     first_event = NONE
     for _ in range(_MOST_SNAPS):
         tracked = track(legs, point, target, point.load, False, line, work)
@@ -68,13 +81,15 @@ def _advance_snapping(legs: Array, point: Point, target: Array, line: Tracer, wo
         first_event = tracked.event if first_event == NONE else first_event
         if not is_instability(tracked.event):
             return judge(legs, point.x, point.load, first_event, 1.0, work)
-        status = snap(legs, point, np.empty(0))[0]
+        status, released, _ = snap(legs, point, np.empty(0))
         if status == STAYED and tracked.event == INDEX_CHANGE:
-            status = _snap_beyond(legs, point, target, line, work)
+            status, released = _snap_beyond(legs, point, target, line, work)
             if status == STAYED:
                 return _stand_still(legs, point, first_event, tracked.fraction, work)
         if status != LANDED:
             break
+        falls[FALLS] += 1.0
+        falls[ENERGY] += released
         if _is_there(point.inputs, target):
             return _stand_still(legs, point, first_event, 1.0, work)
     return judge(legs, point.x, point.load, SOLVER_FAILURE, 0.0, work)
@@ -96,8 +111,8 @@ def _stand_still(legs: Array, point: Point, event: int, fraction: float, work: W
 
 
 @kernel
-def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> int:
-    """Follow the branch over a bifurcation, no further than needed, and snap from there; return a status.
+def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> tuple[int, float]:
+    """Follow the branch over a bifurcation, no further than needed, and snap from there; return status and energy.
 
     `LANDED` if the point is stable beyond it; `STAYED`, and nothing is changed, if the target is so little beyond it
     that the stable branches are still nearer than any disturbance.
@@ -110,9 +125,11 @@ def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: W
         tracked = track(legs, beyond, goal, point.load, True, line, work)
         if tracked.morse_index == 0 and (part < 1.0 or tracked.event != NONE):
             continue
-        status = snap(legs, beyond, np.empty(0))[0] if tracked.morse_index > 0 else LANDED
+        status, released = LANDED, 0.0
+        if tracked.morse_index > 0:
+            status, released, _ = snap(legs, beyond, np.empty(0))
         if status == LANDED:
             point.x[:], point.inputs[:] = beyond.x, beyond.inputs
         if status != STAYED:
-            return status
-    return STAYED
+            return status, released
+    return STAYED, 0.0

@@ -15,13 +15,16 @@ from pcm_gym.kernels.statics.closure import (
     LENGTH,
     LOWER,
     STIFFNESS,
+    TIP_X,
     TURN,
     UPPER,
     Workspace,
+    actuator_of,
     pair,
 )
 from pcm_gym.kernels.statics.formulas import Pair
 from pcm_gym.kernels.stepping.goals import set_pose_seen
+from pcm_gym.kernels.structure.strength import actuator_force
 
 # Loads are shown as g / (LOAD_SCALE + |g|), stiffnesses and distances from a fold likewise: smooth, bounded.
 LOAD_SCALE = 10.0
@@ -29,7 +32,7 @@ STIFFNESS_SCALE = 20.0
 DISTANCE_SCALE = 0.1
 
 # Features of the clamp of a leg that turns, of a rod, and of the margins.
-_TURN_FEATURES, _ROD_FEATURES, _MARGIN_FEATURES = 2, 5, 2
+_TURN_FEATURES, ROD_FEATURES, _MARGIN_FEATURES = 2, 5, 2
 # Those that tell of stability stand last: whether it is there, and the margins.
 STABILITY_FEATURES = 1 + _MARGIN_FEATURES
 
@@ -39,6 +42,7 @@ class Columns(NamedTuple):
 
     inputs: int  # of each leg its input, and cosine and sine of a clamp that turns
     rods: int
+    efforts: int  # of each leg what its actuator gives
     is_stable: int
     margins: int
     end: int
@@ -56,8 +60,9 @@ def feature_columns(legs: Array, dof: int) -> Columns:
     rods = inputs
     for i in range(legs.shape[0]):
         rods += _input_features(legs[i, TURN])
-    is_stable = rods + _ROD_FEATURES * legs.shape[0]
-    return Columns(inputs, rods, is_stable, is_stable + 1, is_stable + 1 + _MARGIN_FEATURES)
+    efforts = rods + ROD_FEATURES * legs.shape[0]
+    is_stable = efforts + legs.shape[0]
+    return Columns(inputs, rods, efforts, is_stable, is_stable + 1, is_stable + 1 + _MARGIN_FEATURES)
 
 
 # The same for kernels. Python must not ask a kernel for a named tuple: Numba cannot hand one over while a signal waits.
@@ -66,7 +71,7 @@ columns_of = kernel(feature_columns)
 
 @kernel
 def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Array) -> None:
-    """Fill `out` with the features of a state at the rod table, but for its stability: pose, inputs, rods."""
+    """Fill `out` with the features of a state at the rod table, but for its stability: pose, inputs, rods, efforts."""
     pose = 2 * legs.shape[0]
     columns = columns_of(legs, x.shape[0] - pose)
     set_pose_seen(x[pose:], out)
@@ -78,10 +83,11 @@ def set_features(legs: Array, x: Array, inputs: Array, work: Workspace, out: Arr
         n += _input_features(legs[i, TURN])
     for i in range(legs.shape[0]):
         rod, clamp = work.rods[i], pair(work.clamps[i], CLAMP_COS)
-        force, n = pair(rod, FORCE_X), columns.rods + _ROD_FEATURES * i
+        force, n = pair(rod, FORCE_X), columns.rods + ROD_FEATURES * i
         features = _rod_features(pair(x, 2 * i), force, clamp, _force_scale(legs, i), rod[HALF_PERIODS])
-        for k in range(_ROD_FEATURES):
+        for k in range(ROD_FEATURES):
             out[n + k] = features[k]
+        out[columns.efforts + i] = _effort_feature(legs, i, pair(rod, TIP_X), force)
 
 
 @kernel
@@ -100,8 +106,11 @@ def see_block(legs: Array, block: Block, count: int, dof: int, out: Array) -> No
             out[n + 1], out[n + 2] = leg.direction[0], leg.direction[1]
         n += _input_features(legs[i, TURN])
     for i in range(legs.shape[0]):
-        n = columns.rods + _ROD_FEATURES * i
-        _see_rod(block.legs[i], count, _force_scale(legs, i), out[n : n + _ROD_FEATURES].reshape(-1))
+        n = columns.rods + ROD_FEATURES * i
+        _see_rod(block.legs[i], count, _force_scale(legs, i), out[n : n + ROD_FEATURES].reshape(-1))
+        leg, effort = block.legs[i], out[columns.efforts + i]
+        for lane in range(count):
+            effort[lane] = _effort_feature(legs, i, pair_in(leg.tip, lane), pair_in(leg.force, lane))
 
 
 @kernel
@@ -137,6 +146,24 @@ def _rod_features(
     along, across = clamp[0] * force[0] + clamp[1] * force[1], clamp[0] * force[1] - clamp[1] * force[0]
     own_scale = scale * force_scale
     return scale * g[0], scale * g[1], own_scale * along, own_scale * across, half_periods / (1.0 + half_periods)
+
+
+@formula
+def force_and_periods(g: Pair, features: Array, first: int) -> tuple[Pair, float]:
+    """Return the force on a rod of unit length and stiffness, as its clamp sees it, and its half periods.
+
+    They are taken back from the rod's features, of which the `first` has this number.
+    """
+    scale = LOAD_SCALE + math.sqrt(g[0] * g[0] + g[1] * g[1])
+    force, share = (scale * features[first + 2], scale * features[first + 3]), features[first + 4]
+    return force, share / (1.0 - share)
+
+
+@formula
+def _effort_feature(legs: Array, leg: int, tip: Pair, force: Pair) -> float:
+    """Return what an actuator gives, its torque or force."""
+    effort = actuator_force(actuator_of(legs, leg), tip, force)
+    return effort / (LOAD_SCALE + abs(effort))
 
 
 @formula

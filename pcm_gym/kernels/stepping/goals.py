@@ -8,7 +8,7 @@ import numpy as np
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 
-# Half of the dense reward falls linearly over this distance, half exponentially over this one.
+# Half of the dense reward falls like 1 / (1 + e / FAR) with the distance e, half like exp(-e / NEAR).
 FAR, NEAR = 1.0, 0.05
 
 
@@ -17,7 +17,7 @@ class GoalProgress(NamedTuple):
 
     goals: Array  # (n, p, g): those of successive steps, over and over
     elapsed: Integers  # (n,): steps since the reset
-    held: Integers  # (n,): states in a row, the present one included, that are at their goal
+    held: Integers  # (n,): states that are at their goal: in a row up to the present one, or of all steps
 
 
 class Scale(NamedTuple):
@@ -26,6 +26,7 @@ class Scale(NamedTuple):
     weights: Array  # (g,): of the squares of the differences
     tolerance: float  # distance that counts as reached
     is_sparse: bool  # which reward
+    counts_all: bool  # whether all states at their goal count, not those in a row
 
 
 class _Aims(NamedTuple):
@@ -40,7 +41,7 @@ def _reward(distance: float, scale: Scale) -> float:
     """Return the reward at a distance: 1 or 0, or the mean of a far and a near term, each 1 at the goal."""
     if scale.is_sparse:
         return 1.0 if distance <= scale.tolerance else 0.0
-    return 0.5 * max(0.0, 1.0 - distance / FAR) + 0.5 * math.exp(-distance / NEAR)
+    return 0.5 / (1.0 + distance / FAR) + 0.5 * math.exp(-distance / NEAR)
 
 
 @formula
@@ -92,7 +93,7 @@ def _update(
     distances = np.empty(rows.shape[0])
     _set_next_goals(rows, has_stepped, progress, aims.desired)
     _set_scores(achieved, aims.desired, scale, aims.rewards, distances)
-    count_held(rows, has_stepped, (distances <= scale.tolerance) & is_stable, progress)
+    count_held(rows, has_stepped, (distances <= scale.tolerance) & is_stable, scale.counts_all, progress)
 
 
 def next_goals(rows: Integers, has_stepped: Mask, progress: GoalProgress) -> Array:
@@ -114,11 +115,12 @@ def _set_next_goals(rows: Integers, has_stepped: Mask, progress: GoalProgress, d
 
 
 @kernel
-def count_held(rows: Integers, has_stepped: Mask, is_held: Mask, progress: GoalProgress) -> None:
-    """Count the states in a row that are held at their goal, in the rows that have stepped."""
+def count_held(rows: Integers, has_stepped: Mask, is_held: Mask, counts_all: bool, progress: GoalProgress) -> None:
+    """Count the states that are held at their goal, in a row or all of them, in the rows that have stepped."""
     for k in range(rows.shape[0]):
         if has_stepped[k]:
-            progress.held[rows[k]] = progress.held[rows[k]] + 1 if is_held[k] else 0
+            before = progress.held[rows[k]]
+            progress.held[rows[k]] = before + 1 if is_held[k] else (before if counts_all else 0)
 
 
 @kernel

@@ -21,7 +21,7 @@ class Costs(TypedDict):
 
 
 class Verdict(Costs):
-    """What a step has cost and led to; all but the last three names are those of the infos."""
+    """What a step has cost and led to; the first names, up to `at_limit`, and the last three are those of the infos."""
 
     index: int  # Morse index of the state
     stability_margin: float
@@ -29,9 +29,16 @@ class Verdict(Costs):
     residual: float
     event: int  # why the step ended, see `continuation`
     at_limit: bool  # whether an increment was cut at an actuator's limit
+    losses: int  # of stability on the way: events
+    is_dwelling: bool  # whether the state is nearly singular, or unstable
+    energy_released: float  # in falls on the way
     fraction: float  # of the way that was gone
     is_lost: bool  # whether a loss of stability ends the episode
     is_stable: bool  # whether the state is stable, and is not left by a loss of stability
+    # Whether a limit of the structure is broken, 0 or 1 each: told where it is asked for.
+    cost_stress: float
+    cost_torque: float
+    cost_contact: float
 
 
 # A verdict as the kernels write it: an element of an array.
@@ -115,6 +122,9 @@ def report_row(
     verdict["residual"] = tracked.residual
     verdict["event"] = ACTUATOR_LIMIT if is_cut and tracked.event == NONE else tracked.event
     verdict["at_limit"] = is_cut
+    verdict["losses"] = 1 if is_instability(tracked.event) else 0
+    verdict["is_dwelling"] = is_unstable | (margin < rules.singular_margin)
+    verdict["energy_released"] = 0.0
     verdict["fraction"] = tracked.fraction
     verdict["is_lost"] = is_lost
     verdict["is_stable"] = is_stable

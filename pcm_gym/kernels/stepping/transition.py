@@ -4,11 +4,11 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.branches.continuation import NONE, SOLVER_FAILURE, Tracked, judge, make_line
-from pcm_gym.kernels.lockstep.lanes import rest_block, step_block
+from pcm_gym.kernels.lockstep.lanes import growth_of_lane, rest_block, step_block
 from pcm_gym.kernels.lockstep.layout import LANES, Block, make_block
-from pcm_gym.kernels.lockstep.rows import LEAST_PART, load_lane, set_way_point, store_lane
+from pcm_gym.kernels.lockstep.rows import load_lane, set_way_point, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.snaps.instability import HOLD, TERMINATE, advance, is_instability
+from pcm_gym.kernels.snaps.instability import ENERGY, FALLS, HOLD, TERMINATE, advance, is_instability, make_falls
 from pcm_gym.kernels.statics.closure import LOWER, UPPER, make_workspace, place
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States
@@ -19,6 +19,8 @@ from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, make_seen,
 # look for steps that arrive, and ask about many that do not; tracking each of these to its fold takes fifty times as
 # long. What arrives does so to the same bits.
 GIVE_UP = -1
+# A step that is refused is made in parts, down to this one of it, before it is tracked alone.
+_LEAST_PART = 1.0 / 16.0
 # With so many rows that lock-step has refused, each of which may snap, a call does no more than these.
 _REFUSED_AT_ONCE = 128
 
@@ -56,8 +58,8 @@ def step_in_lanes(
     """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
-    is_cut, refused, refused_count = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), 0
-    done = 0
+    is_cut, refused, parts = np.empty(LANES, np.bool_), np.empty(rows.shape[0], np.int64), np.empty(rows.shape[0])
+    done = refused_count = 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -69,7 +71,7 @@ def step_in_lanes(
         for lane in range(count):
             row = rows[first + lane]
             if common.is_sound[lane] == 0.0:
-                refused[refused_count] = row
+                refused[refused_count], parts[refused_count] = row, growth_of_lane(common, lane)
                 refused_count += 1
                 continue
             store_lane(states, row, block, lane)
@@ -79,33 +81,18 @@ def step_in_lanes(
             break
     if refused_count == 0:
         return done, 0
-    has_arrived = _step_refused(legs, states, refused[:refused_count], moves, rules, report, block)
-    remaining = refused[:refused_count][~has_arrived]
+    refused, parts = refused[:refused_count], parts[:refused_count]
+    is_cut, targets = np.empty(refused_count, np.bool_), np.empty((refused_count, legs.shape[0]))
+    for k in range(refused_count):
+        is_cut[k] = _set_target(legs, states.inputs, actions, refused[k], stride, targets[k])
+    has_arrived = _step_in_parts(legs, states, refused, parts, targets, block)
+    _report_arrived(legs, states, refused[has_arrived], is_cut[has_arrived], rules, report, block)
+    remaining = refused[~has_arrived]
     if rules.behaviour == GIVE_UP:
         _give_up(remaining, rules, report)
         return done, 0
     left[: remaining.shape[0]] = remaining
     return done, int(remaining.shape[0])
-
-
-@kernel
-def _step_refused(
-    legs: Array,
-    states: States,
-    rows: Integers,
-    moves: Moves,
-    rules: StepRules,
-    report: Report,
-    block: Block,
-) -> Mask:
-    """Step rows whose step over the whole way is refused by parts of it; return which have arrived."""
-    count = rows.shape[0]
-    targets, is_cut = np.empty((count, legs.shape[0])), np.empty(count, np.bool_)
-    for k in range(count):
-        is_cut[k] = _set_target(legs, states.inputs, moves.actions, rows[k], moves.stride, targets[k])
-    has_arrived = _step_in_parts(legs, states, rows, targets, block)
-    _report_arrived(legs, states, rows[has_arrived], is_cut[has_arrived], rules, report, block)
-    return has_arrived
 
 
 @kernel
@@ -117,16 +104,16 @@ def _give_up(rows: Integers, rules: StepRules, report: Report) -> None:
 
 
 @kernel
-def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, block: Block) -> Mask:
-    """Move rows to the inputs `targets` (m, legs), one each, in lock-step but by parts of the way, halved and doubled.
+def _step_in_parts(legs: Array, states: States, rows: Integers, part: Array, targets: Array, block: Block) -> Mask:
+    """Move rows to the inputs `targets` (m, legs), one each, in lock-step but by parts of the way.
 
-    Parts are chosen as `track` chooses them, down to `LEAST_PART`. Return which rows have arrived; the others are as
-    they were.
+    The first are `part` (m,), which is used up; they are chosen as `track` chooses its steps, down to `_LEAST_PART`.
+    Return which rows have arrived; the others are as they were.
     """
     count = rows.shape[0]
     own = States(states.x[rows], states.inputs[rows], states.load[rows])
     common = block.common[0]
-    goal, done, part = np.empty(legs.shape[0]), np.zeros(count), np.full(count, 0.5)
+    goal, done = np.empty(legs.shape[0]), np.zeros(count)
     going, going_count = np.arange(count), count
     while going_count > 0:
         left = 0
@@ -134,18 +121,16 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
             here = min(LANES, going_count - first)
             for lane in range(here):
                 k = going[first + lane]
-                set_way_point(states.inputs[rows[k]], targets[k], done[k] + part[k], goal)
+                set_way_point(states.inputs[rows[k]], targets[k], _end_of_part(done[k], part[k]), goal)
                 load_lane(own, k, goal, block, lane)
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 k = going[first + lane]
-                if common.is_sound[lane] == 0.0:
-                    part[k] *= 0.5
-                else:
+                if common.is_sound[lane] > 0.0:
                     store_lane(own, k, block, lane)
-                    done[k] += part[k]
-                    part[k] = min(2.0 * part[k], 1.0 - done[k])
-                if done[k] < 1.0 and part[k] >= LEAST_PART:
+                    done[k] = _end_of_part(done[k], part[k])
+                part[k] *= growth_of_lane(common, lane)
+                if done[k] < 1.0 and part[k] >= min(_LEAST_PART, 1.0 - done[k]):
                     going[left] = k
                     left += 1
         going_count = left
@@ -153,6 +138,12 @@ def _step_in_parts(legs: Array, states: States, rows: Integers, targets: Array, 
     for k in np.flatnonzero(has_arrived):
         states.x[rows[k]], states.inputs[rows[k]] = own.x[k], own.inputs[k]
     return has_arrived
+
+
+@formula
+def _end_of_part(done: float, part: float) -> float:
+    """Return where the next part of a way ends; the last one ends exactly at 1."""
+    return done + part if part < 1.0 - done else 1.0
 
 
 @kernel
@@ -168,17 +159,21 @@ def step_alone(
     size = states.x.shape[1]
     line, work = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size)
     x_start, inputs_start, target = np.empty(size), np.empty(legs.shape[0]), np.empty(legs.shape[0])
+    falls = make_falls()
     for row in rows:
         x, inputs, load = states.x[row], states.inputs[row], states.load[row]
         x_start[:], inputs_start[:] = x, inputs
         is_cut = _set_target(legs, states.inputs, moves.actions, row, moves.stride, target)
-        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, line, work)
+        tracked = advance(legs, Point(x, inputs, load), target, rules.behaviour, falls, line, work)
         if tracked.event == SOLVER_FAILURE or (rules.behaviour == HOLD and is_instability(tracked.event)):
             x[:], inputs[:] = x_start, inputs_start
             place(legs, x, inputs, work)
             tracked = judge(legs, x, load, tracked.event, 0.0, work)
         set_features(legs, x, inputs, work, report.features[row])
         report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
+        if tracked.event != SOLVER_FAILURE and falls[FALLS] > 0.0:
+            report.verdicts[row]["losses"] = int(falls[FALLS])
+            report.verdicts[row]["energy_released"] = falls[ENERGY]
 
 
 @kernel
@@ -188,6 +183,7 @@ def describe_batch(legs: Array, states: States, rows: Integers, report: Report) 
     _report_arrived(legs, states, rows, is_cut, StepRules(TERMINATE, 0.0), report, make_block(legs.shape[0]))
     for row in rows:  # where no margin is too small, nothing is cut and nothing happens, only instability would cost
         report.verdicts[row]["cost_unstable"] = 0.0
+        report.verdicts[row]["is_dwelling"] = False
 
 
 @kernel

@@ -10,6 +10,10 @@ _MAKERS: dict[str, Callable[[], Mechanism]] = {
     "2RFR": two_rfr.make,
     "2PFR": two_pfr.make,
     "3PFR": three_pfr.make,
+    # the geometries of the paper's figures, which no rod of steel would endure everywhere
+    "2RFR-paper": two_rfr.make_paper,
+    "2PFR-paper": two_pfr.make_paper,
+    "3PFR-paper": three_pfr.make_paper,
 }
 
 
@@ -19,7 +23,10 @@ def mechanism_names() -> list[str]:
 
 
 def get_mechanism(name: str) -> Mechanism:
-    """Return the catalogued mechanism of that name, with its default geometry.
+    """Return the catalogued mechanism of that name.
+
+    "2RFR", "2PFR" and "3PFR" could be built: no rod yields or crosses what it must not, wherever stable ways from home
+    lead. Those with "-paper" have the geometries of the figures after the paper.
 
     Raises
     ------

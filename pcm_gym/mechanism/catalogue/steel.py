@@ -1,10 +1,10 @@
-"""The rod of the catalogue: round steel wire, 1 m long, 1 mm in radius."""
+"""The rods of the catalogue, 1 m long, of spring steel."""
 
-import math
+from pcm_gym.mechanism.materials import SPRING_STEEL
+from pcm_gym.mechanism.rod import Rod, Round, Strip
 
-from pcm_gym.mechanism.leg import Rod
+STRIP = Rod(length=1.0, section=Strip(width=20e-3, thickness=0.5e-3), material=SPRING_STEEL)
+"""On edge it stays in the plane, and bends to a radius of 5 cm before it yields."""
 
-_YOUNG_MODULUS = 200e9  # Pa
-_RADIUS = 1e-3  # m
-
-STEEL_ROD = Rod(length=1.0, bending_stiffness=_YOUNG_MODULUS * math.pi * _RADIUS**4 / 4.0)
+WIRE = Rod(length=1.0, section=Round(radius=1e-3), material=SPRING_STEEL)
+"""Round, 1 mm in radius; it yields at a radius of 20 cm."""

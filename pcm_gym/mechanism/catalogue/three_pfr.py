@@ -1,33 +1,61 @@
-"""3PFR: a triangular platform on three rods whose clamps slide on tangential rails."""
+"""3PFR: a triangular platform on three rods whose clamps slide on rails."""
 
 import math
+from typing import NamedTuple
 
-from pcm_gym.mechanism.catalogue.steel import STEEL_ROD
+from pcm_gym.mechanism.catalogue.steel import STRIP, WIRE
 from pcm_gym.mechanism.leg import Leg, Prismatic
 from pcm_gym.mechanism.mechanism import Mechanism
+from pcm_gym.mechanism.rod import Rod
 
-_BASE_RADIUS, _PLATFORM_RADIUS = 0.7, 0.3  # m
 _DIRECTIONS = tuple(math.radians(angle_deg) for angle_deg in (90.0, 210.0, 330.0))
-_CLAMP_TURN = math.pi + 0.9  # from the outward direction: inwards and 0.9 rad aside
 
 
-def _leg(direction: float) -> Leg:
-    outwards = (math.cos(direction), math.sin(direction))
-    actuator = Prismatic(
-        base=(_BASE_RADIUS * outwards[0], _BASE_RADIUS * outwards[1]),
-        axis_angle=direction + math.pi / 2.0,
-        clamp_angle=direction + _CLAMP_TURN,
-        limits=(-0.5, 0.5),
-    )
-    return Leg(actuator, STEEL_ROD, (_PLATFORM_RADIUS * outwards[0], _PLATFORM_RADIUS * outwards[1]))
+class _Design(NamedTuple):
+    """Three equal legs around the centre; angles are turned counter-clockwise, in rad."""
+
+    rod: Rod
+    base_radius: float  # of the circle of the bases, m
+    rail_turn: float  # of the rail from the tangent of that circle
+    clamp_turn: float  # of the clamp from inwards
+    platform_radius: float  # of the circle of the hinges, m
+    hinge_turn: float  # of the hinge from the direction of its base
+    limits: tuple[float, float]  # m
+
+    def legs(self) -> tuple[Leg, ...]:
+        return tuple(self._leg(direction) for direction in _DIRECTIONS)
+
+    def _leg(self, direction: float) -> Leg:
+        hinge = direction + self.hinge_turn
+        actuator = Prismatic(
+            base=(self.base_radius * math.cos(direction), self.base_radius * math.sin(direction)),
+            axis_angle=direction + math.pi / 2.0 + self.rail_turn,
+            clamp_angle=direction + math.pi + self.clamp_turn,
+            limits=self.limits,
+        )
+        return Leg(actuator, self.rod, (self.platform_radius * math.cos(hinge), self.platform_radius * math.sin(hinge)))
+
+
+# The hinges are turned so that home, with all rods bowed to one side, is at phi = 0.
+_DESIGN = _Design(STRIP, 1.6, math.radians(37.0), math.radians(34.0), 0.75, 0.311900, (-0.48, 0.8))
+_PAPER_DESIGN = _Design(WIRE, 0.7, 0.0, 0.9, 0.3, 0.0, (-0.5, 0.5))
 
 
 def make() -> Mechanism:
-    """Return the 3PFR with pre-compressed legs; home is the equilibrium at the centre."""
+    """Return the 3PFR: a large platform on steel strips, rails slanted inwards; home at the centre, rods bowed."""
+    return _with("3PFR", _DESIGN, (0.0, 0.0, 0.0))
+
+
+def make_paper() -> Mechanism:
+    """Return the 3PFR of the figures after the paper: tangential rails, wires so compressed that they would yield."""
+    return _with("3PFR-paper", _PAPER_DESIGN, (0.0, 0.0, 0.161919))
+
+
+def _with(name: str, design: _Design, home_pose: tuple[float, float, float]) -> Mechanism:
     return Mechanism(
-        name="3PFR",
+        name=name,
         description="three rods, sliding actuators, rigid platform",
-        legs=tuple(_leg(direction) for direction in _DIRECTIONS),
+        legs=design.legs(),
         home_inputs=(0.0, 0.0, 0.0),
-        home_pose=(0.0, 0.0, 0.161919),
+        home_pose=home_pose,
     )

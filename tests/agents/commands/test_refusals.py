@@ -1,6 +1,7 @@
 """What a user can mend is said in a sentence, without a traceback, and a command that fails says so to the shell."""
 
 import errno
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ from typer.testing import CliRunner, Result
 
 from agents.commands.app import app
 from agents.experiments.runs import RunFolder
-from agents.learners import policy, progress
+from agents.learners import policy, progress, provenance
+from agents.learners.files import PICKLES
 from agents.learners.settings import ModelError
 from agents.learners.vector_adapter import NativeVecEnv
 
@@ -58,10 +60,12 @@ def assert_refused(result: Result, *words: str) -> None:
             ("singular_margin", "max_action"),
         ),
         ({"hyperparameters": {"n_steps": "many"}}, ("hyperparameters of PPO",)),
+        ({"hyperparameters": {"gama": 0.9}}, ("hyperparameters unknown to PPO: gama",)),
+        ({"hyperparameters": {"learning_rate": {"start": 1}}}, ("hyperparameters.learning_rate: a schedule",)),
     ],
 )
 def test_what_cannot_be_made_is_said(tmp_path: Path, changes: dict[str, Any], words: tuple[str, ...]) -> None:
-    assert_refused(train(tmp_path, **changes), *words)
+    assert_refused(train(tmp_path, **changes), "small.yaml: ", *words)
     assert not (tmp_path / "small").exists()
 
 
@@ -73,7 +77,7 @@ def test_what_cannot_be_made_is_said(tmp_path: Path, changes: dict[str, Any], wo
         (b"name: 2020-99-99", ("not valid YAML", "month")),
         (b"name: {", ("not valid YAML",)),
         (b"total_steps: " + b"9" * 5000, ("not valid YAML", "4300")),
-        (b"", ("1 problem",)),
+        (b"", ("the whole: Input should be",)),
         (b"\x00\x01", ("not valid YAML",)),
     ],
 )
@@ -141,6 +145,49 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_is_started_again(
     assert_refused(train(tmp_path, "--resume"), "nothing to resume", "start it without --resume")
     assert train(tmp_path).exit_code == 0
     assert len(RunFolder(tmp_path / "small").snapshots()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["PCM/2RFR-Reach-v0", "--learner", "bbo"], ("learner 'bbo'", "ppo, ppo_imitation")),
+        (["PCM/4RFR-Reach-v0"], ("PCM/4RFR-Reach-v0: environment", "doesn't exist")),
+        (["PCM/2RFR-Reach-v0", "--with", "difficulty=hard"], ("difficulty must be one of",)),
+        (["PCM/2RFR-Reach-v0", "--with", "difficulty"], ("--with difficulty: an argument", "NAME=VALUE")),
+        (["PCM/2RFR-Reach-v0", "--with", "load=[1"], ("--with load=[1: not valid YAML",)),
+        (["small.yaml", "--learner", "ppo"], ("small.yaml: --learner and --with belong to an environment's id",)),
+        (["small"], ("small: cannot be read",)),
+    ],
+)
+def test_what_is_asked_for_by_id_and_cannot_be_is_said(arguments: list[str], words: tuple[str, ...]) -> None:
+    assert_refused(command("train", *arguments), *words)
+
+
+def test_files_that_were_not_written_here_are_warned_of(trained: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(trained.path, tmp_path / "moved")
+    whole = command("evaluate", tmp_path / "moved", "--no-report")
+    assert whole.exit_code == 0, whole.output
+    assert "Warning" not in whole.output
+    (tmp_path / "moved" / "written_here.json").unlink()
+    for name in ("evaluate", "export"):
+        warned = command(name, tmp_path / "moved", *(["--no-report"] if name == "evaluate" else []))
+        assert warned.exit_code == 0, warned.output
+        for pickled in ("model.zip", "normalisation.pkl"):
+            assert f"{pickled} was not written here" in warned.output
+    snapshot = RunFolder(tmp_path / "moved").snapshots()[-1]
+    (snapshot / "model.zip").write_bytes((snapshot / "model.zip").read_bytes() + b" ")
+    assert provenance.foreign(snapshot / name for name in PICKLES) == [snapshot / "model.zip"]
+    resumed = train(tmp_path, "--resume", name="moved", total_steps=128)
+    assert "model.zip was not written here" in resumed.output
+
+
+def test_without_a_place_for_a_key_all_files_are_foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "taken").touch()
+    monkeypatch.setattr(provenance, "user_data_path", lambda _: tmp_path / "taken")
+    (tmp_path / "snapshot").mkdir()
+    (tmp_path / "snapshot" / "model.zip").touch()
+    provenance.mark(tmp_path / "snapshot")
+    assert provenance.foreign((tmp_path / "snapshot").iterdir()) == [tmp_path / "snapshot" / "model.zip"]
 
 
 def run_python(code: str) -> subprocess.CompletedProcess[str]:

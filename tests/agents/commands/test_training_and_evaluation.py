@@ -15,7 +15,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
+import pcm_gym
 from agents.commands.app import app
+from agents.experiments.config import load_config, parse_config
 from agents.experiments.runs import RunFolder
 from agents.learners.callbacks import Snapshots
 from agents.learners.progress import COST_COLUMN, STEPS_COLUMN, read_progress
@@ -74,6 +76,7 @@ def test_run_holds_everything_needed_to_use_and_to_repeat_it(finished: RunFolder
         "report.html",
         "tensorboard",
         "versions.json",
+        "written_here.json",
     }
     assert [int(folder.name) for folder in finished.snapshots()] == [128, 256]
     assert json.loads(finished.versions.read_text()).keys() >= {"python", "torch", "gymnasium", "stable-baselines3"}
@@ -190,6 +193,38 @@ def test_controllers_are_those_of_the_configuration_and_the_first_is_judged(run:
     assert "points above trained." in evaluated.output
     summaries = json.loads((run.path / "evaluation.json").read_text())["summaries"]
     assert [summary["policy"] for summary in summaries] == ["resolved rate", "trained"]
+
+
+def test_exported_policy_acts_as_the_model_and_says_where_it_comes_from(run: RunFolder) -> None:
+    exported = command("export", run.path)
+    assert exported.exit_code == 0, exported.output
+    card = pcm_gym.load_policy(run.path / "policy.npz").card
+    assert card["environment"] == {"id": "PCM/2RFR-Reach-v0", "kwargs": {}}
+    assert (card["algorithm"], card["training_steps"], card["seed"]) == ("PPO", 256, 0)
+    assert card["evaluation"] == json.loads((run.path / "evaluation.json").read_text())
+    assert card["versions"]["torch"] == json.loads(run.versions.read_text())["torch"]
+    assert parse_config(card["experiment"]) == load_config(run.config)
+    again = command("evaluate", run.path / "policy.npz")
+    assert again.exit_code == 0, again.output
+    assert "is what the card says" in again.output
+    snapshot = run.snapshots()[0]
+    assert command("export", snapshot, "--output", run.path / "early.npz").exit_code == 0
+    early = pcm_gym.load_policy(run.path / "early.npz").card
+    assert (early["training_steps"], early["evaluation"]) == (128, None)
+    refused = command("evaluate", run.path / "early.npz")
+    assert refused.exit_code == 1
+    assert "the card has no results" in refused.output
+    assert command("evaluate", run.path / "nowhere.npz").exit_code == 1
+
+
+def test_a_policy_that_does_not_come_to_what_its_card_says_is_told_of(run: RunFolder) -> None:
+    content = json.loads((run.path / "evaluation.json").read_text())
+    content["summaries"][0]["safe_success_rate"] = {"estimate": 2.0, "low": 1.9, "high": 2.1}
+    (run.path / "evaluation.json").write_text(json.dumps(content))
+    assert command("export", run.path).exit_code == 0
+    failed = command("evaluate", run.path / "policy.npz")
+    assert failed.exit_code == 1
+    assert "is not what the card says: 200.0 % [190.0, 210.0]" in failed.output
 
 
 class References(HTMLParser):

@@ -8,11 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.controllers.controller import Controller
-from agents.controllers.random import RandomController
-from agents.controllers.resolved_rate import ResolvedRateController
 from agents.controllers.trained import TrainedController
-from agents.controllers.view import View
 from agents.evaluation.episodes import NOTED_INFOS, EpisodeResult, StepLog, longest_run
 from agents.evaluation.rollouts import make_evaluation_batch, run_episodes
 from agents.experiments.config import parse_config
@@ -20,6 +16,9 @@ from agents.learners.files import MODEL, NORMALISATION
 from agents.learners.learner import new_learner, save_learner
 from agents.learners.policy import LearntPolicy, load_policy
 from agents.learners.settings import EnvironmentConfig
+from pcm_gym.references import Controller, View
+from pcm_gym.references.random import RandomController
+from pcm_gym.references.resolved_rate import ResolvedRateController
 
 SEEDS = (31, 41, 59, 26, 53, 58, 97)
 ENVIRONMENTS = {
@@ -39,16 +38,21 @@ def act_at_random(env: Any, observation: dict[str, np.ndarray], generator: np.ra
 
 
 def act_by_resolved_rate(env: Any, observation: dict[str, np.ndarray], generator: np.random.Generator) -> np.ndarray:
-    error = env.unwrapped.goal - env.unwrapped.equilibrium.pose
-    error[2:] = (error[2:] + np.pi) % (2.0 * np.pi) - np.pi
-    left, values, right = np.linalg.svd(env.unwrapped.equilibrium.forward_jacobian, full_matrices=False)
+    own = env.unwrapped
+    here, there = observation["achieved_goal"], observation["desired_goal"]
+    error = (there - here)[:2]
+    if len(here) == 4:
+        turn = np.arctan2(there[3], there[2]) - np.arctan2(here[3], here[2])
+        error = np.append(error, (turn + np.pi) % (2.0 * np.pi) - np.pi)
+    jacobian = own.equilibrium.forward_jacobian / own.mechanism.units.jacobian
+    left, values, right = np.linalg.svd(jacobian, full_matrices=False)
     inverted = values / (values**2 + (0.05 * values[0]) ** 2)
-    action = right.T @ (inverted * (left.T @ error)) / env.unwrapped.max_action
+    action = right.T @ (inverted * (left.T @ error)) / own.mechanism.units.kernel_from_inputs(own.max_action)
     return action / max(1.0, np.abs(action).max())
 
 
 def plain_episode(environment: EnvironmentConfig, act: Act, episode: int, seed: int) -> EpisodeResult:
-    env: Any = gymnasium.make(environment.id, **environment.kwargs)
+    env: Any = gymnasium.make(environment.id, **environment.kwargs, split="test")
     generator, infos, rewards, is_over = np.random.default_rng([seed, 1]), [], [], False
     observation, _ = env.reset(seed=seed)
     while not is_over:

@@ -39,7 +39,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path, text: str, v
     ("change", "message"),
     [
         ({"totl_steps": 3}, "totl_steps: Extra inputs are not permitted"),
-        ({"algorithm": "PPP"}, "algorithm: Input should be 'PPO', 'A2C', 'SAC', 'TD3' or 'DDPG'"),
+        ({"algorithm": "PPP"}, "configuration: algorithm: Input should be 'PPO', 'A2C', 'SAC', 'TD3', 'DDPG' or 'TQC'"),
         ({"total_steps": 0}, "total_steps: .* greater than or equal to 1"),
         ({"name": "../x"}, "name: .* match pattern"),
         ({"environment": {"id": "E", "kwarg": {}}}, r"environment\.kwarg: Extra inputs"),
@@ -47,10 +47,12 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path, text: str, v
         ({"algorithm": "SAC", "hindsight": {}, "cost_weight": 1.0}, "cost_weight must be 0"),
         (
             {"evaluation": {"controllers": ["trained", "chance"]}},
-            r"evaluation\.controllers\.1: Input should be 'trained', 'random' or 'resolved rate'",
+            r"evaluation\.controllers\.1: Input should be 'trained', 'standing still', .* or 'planner'",
         ),
         ({"evaluation": {"controllers": ["random", "random"]}}, "controllers: named more than once: random"),
         ({"evaluation": {"controllers": []}}, "controllers: Tuple should have at least 1 item"),
+        ({"algorithm": "SAC", "lagrangian": {}}, "lagrangian: rewards in the replay buffer of SAC keep"),
+        ({"lagrangian": {}, "cost_weight": 1.0}, "lagrangian chooses the weight of the cost"),
         ({"hyperparameters": {"device": "cpu", "env": 1}}, "set elsewhere in the configuration: device, env"),
         ({"evaluation": {"seed": 10}}, "seeds of the evaluation .* include seeds of the training"),
     ],
@@ -61,7 +63,7 @@ def test_error_names_the_entry(change: dict[str, Any], message: str) -> None:
 
 
 def test_every_error_is_listed() -> None:
-    with pytest.raises(ConfigError, match=r"2 problem(.|\n)*name(.|\n)*num_envs"):
+    with pytest.raises(ConfigError, match=r"2 problems(.|\n)*name(.|\n)*num_envs"):
         parse_config(SMALLEST | {"name": "", "num_envs": -1})
 
 

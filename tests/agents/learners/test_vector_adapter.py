@@ -8,7 +8,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.vec_env import VecMonitor
 
-from agents.learners.vector_adapter import CostPenalty, NativeVecEnv, split_infos
+from agents.learners.infos import Infos
+from agents.learners.vector_adapter import CostPenalty, EpisodeMonitor, NativeVecEnv
 
 TIME_LIMIT = 3
 STAY, TERMINATE = np.array([0.0]), np.array([1.0])
@@ -91,7 +92,7 @@ def test_last_observation_and_info_are_those_of_the_finished_episode(adapter: Na
 def test_dtypes_are_those_of_stable_baselines(adapter: NativeVecEnv) -> None:
     _, rewards, dones, infos = step_all(adapter, STAY, TERMINATE, STAY)
     assert (rewards.dtype, dones.dtype) == (np.float32, np.bool_)
-    assert isinstance(infos, list)
+    assert [type(info) for info in infos] == [dict] * 3
 
 
 def test_monitor_counts_episodes_and_keeps_keywords() -> None:
@@ -101,6 +102,29 @@ def test_monitor_counts_episodes_and_keeps_keywords() -> None:
     _, _, _, infos = step_all(monitored, STAY, TERMINATE)
     assert (infos[1]["episode"]["l"], infos[1]["episode"]["r"], infos[1]["episode"]["is_success"]) == (2, 2.0, True)
     assert "episode" not in infos[0]
+
+
+def test_monitor_tells_of_episodes_what_that_of_stable_baselines_does() -> None:
+    own, theirs = EpisodeMonitor(NativeVecEnv(make_batch(2))), VecMonitor(NativeVecEnv(make_batch(2)))
+    for monitored in (own, theirs):
+        monitored.seed(3)
+        monitored.reset()
+    for actions in [(STAY, STAY), (STAY, TERMINATE), (STAY, STAY), (TERMINATE, STAY)]:
+        *_, found = step_all(own, *actions)
+        *_, expected = step_all(theirs, *actions)
+        for info, other in zip(found, expected, strict=True):
+            assert info.keys() == other.keys()
+            if "episode" in info:
+                assert {key: info["episode"][key] for key in "rl"} == {key: other["episode"][key] for key in "rl"}
+
+
+def test_what_is_written_into_an_info_stays(adapter: NativeVecEnv) -> None:
+    _, _, _, infos = step_all(adapter, STAY, TERMINATE, STAY)
+    infos[1]["terminal_observation"] = "changed"
+    for same in (infos[1], infos[-2], infos[1:][0], list(infos)[1]):
+        assert same["terminal_observation"] == "changed"
+    with pytest.raises(IndexError):
+        infos[3]
 
 
 def test_penalty_takes_the_weighted_cost_from_the_reward_alone() -> None:
@@ -164,6 +188,6 @@ def test_masked_and_nested_infos_are_split() -> None:
         "c": {"d": np.eye(2), "_d": mask},
         "_c": mask,
     }
-    first, second = split_infos(infos, 2)
+    first, second = Infos(infos, 2)
     assert (first["a"], first["b"], second) == (1, 0.5, {"a": 2})
     np.testing.assert_array_equal(first["c"]["d"], [1.0, 0.0])

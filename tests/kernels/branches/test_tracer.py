@@ -7,6 +7,7 @@ import pytest
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches import continuation
+from pcm_gym.kernels.branches.steps import STEP_RULES
 from pcm_gym.kernels.branches.tracer import Bracket, BracketRules, move, narrowed, next_trial, start
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import make_workspace, set_residual
@@ -21,7 +22,7 @@ def step_along(legs: Array, x: Array, inputs: Array, rate: Array, arc: float) ->
     line, work = continuation.make_line(leg_count, size), make_workspace(leg_count, size)
     line.first_inputs[:], line.input_rates[0] = inputs, rate
     line.y[:-1], line.border[-1] = x, 1.0
-    is_found = start(legs, 1.0, line, work) and move(legs, arc, continuation.STEP_RULES, line, work)
+    is_found = start(legs, 1.0, line, work) and move(legs, arc, STEP_RULES, line, work)
     residual = max(set_residual(legs, line.trial[:-1], line.load, work))
     ahead = (line.border * (line.trial - line.y)).sum()
     return np.array([1.0 if is_found else 0.0, residual, ahead - arc, (line.border * line.tangent).sum()])

@@ -9,7 +9,6 @@ import numba
 import numpy as np
 import pytest
 
-import pcm_gym
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
@@ -22,7 +21,7 @@ from pcm_gym.kernels.stepping.transition import describe_batch, step_alone, step
 from pcm_gym.solving import Event
 from tests.environments.rollouts import digest
 
-NAMES = pcm_gym.mechanism_names()
+NAMES = ("2RFR", "2PFR", "3PFR")
 LOADS = {"2RFR": (1.0, -2.0), "2PFR": (2.0, -1.0), "3PFR": (0.5, -1.0, 0.2)}
 ROOT = Path(__file__).parents[3]
 

@@ -111,7 +111,7 @@ def test_a_plain_numba_function_may_call_a_kernel_that_is_inside_other_machine_c
         "            leg.input[lane], leg.target[lane] = inputs[i], inputs[i] + 0.01\n"
         "    step_block(legs, block, 16, 2)\n"
         "    return block.legs[0].g[0, 3]\n"
-        "given = pcm_gym.get_mechanism('2RFR').leg_table, np.array([1.0, 0.1, 1.0, 0.2]), np.array([1.0, 2.0])\n"
+        "given = pcm_gym.get_mechanism('2RFR-paper').leg_table, np.array([1.0, 0.1, 1.0, 0.2]), np.array([1.0, 2.0])\n"
         "print(kernel(step)(*given) == numba.njit(error_model='numpy')(step)(*given))\n"
     )
     (tmp_path / "script.py").write_text(code)

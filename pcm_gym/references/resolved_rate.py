@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from agents.controllers.view import View
 from pcm_gym.arrays import Array
+from pcm_gym.references.view import View
 
 
 class ResolvedRateController:
     """Straight towards the goal through the exact Jacobian of the motion; it knows nothing of stability.
 
     The increment of the inputs is the damped least-squares solution of ``J dq = goal - pose`` (Y. Nakamura and
-    H. Hanafusa, 1986, J. Dyn. Sys. Meas. Control 108), shortened as a whole to the largest increment allowed.
+    H. Hanafusa, 1986, J. Dyn. Sys. Meas. Control 108), shortened as a whole to the largest increment allowed. The pose
+    is the observed one; the Jacobian is that of the true mechanism.
 
     Parameters
     ----------
@@ -23,20 +24,14 @@ class ResolvedRateController:
 
     def act(self, view: View) -> Array:
         """Actions (n, actuators) of one resolved-rate step each."""
-        env, actions = view.env, np.zeros(view.action_shape)
-        here = [env.equilibrium(row) for row in view.rows]
-        errors = [pose_error(env.goal(row), own.pose) for row, own in zip(view.rows, here, strict=True)]
-        jacobians = [own.forward_jacobian for own in here]
-        wanted = damped_solutions(np.array(jacobians), np.array(errors), self._damping) / env.max_action
-        actions[view.under_way] = wanted / np.maximum(1.0, np.abs(wanted).max(axis=1, keepdims=True))
-        return actions
+        wanted = damped_solutions(view.jacobians, view.pose_errors, self._damping) / view.simulation.settings.stride
+        return shortened(wanted)
 
 
-def pose_error(goal: Array, pose: Array) -> Array:
-    """What takes `pose` to `goal`: metres, then (for a platform) the shorter way round in radians."""
-    error = np.asarray(goal, dtype=np.float64) - pose
-    error[2:] = (error[2:] + np.pi) % (2.0 * np.pi) - np.pi
-    return error
+def shortened(actions: Array) -> Array:
+    """Return actions (n, legs), those beyond [-1, 1] shortened as a whole."""
+    short: Array = actions / np.maximum(1.0, np.abs(actions).max(axis=1, keepdims=True))
+    return short
 
 
 def damped_solutions(jacobians: Array, errors: Array, damping: float) -> Array:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from agents.controllers.view import View
 from pcm_gym.arrays import Array
+from pcm_gym.references.view import View
 
 
 class RandomController:
