@@ -28,7 +28,7 @@ def make() -> Mechanism:
         description=_DESCRIPTION,
         legs=tuple(Leg(rail, STRIP) for rail in rails),
         home_inputs=(0.0, 0.0),
-        home_pose=(0.0, 0.949),
+        home_pose=(0.0, 0.969),
     )
 
 
