@@ -98,7 +98,8 @@ class HomeSheets:
     @property
     def span(self) -> Array:
         """Extent of the poses along each coordinate, (d,), in m and rad."""
-        return np.ptp(self.poses, axis=0)
+        span: Array = np.ptp(self.poses, axis=0)
+        return span
 
     def has_node_at(self, x: Array, inputs: Array) -> Mask:
         """Return which states (n, size) at inputs (n, legs), both dimensionless, lead to a node of their cell."""
