@@ -364,7 +364,7 @@ def test_a_fall_without_a_landing_is_a_failure_of_the_solver_and_nothing_else(re
 def test_standing_still_at_the_edge_of_stability_is_no_failure() -> None:
     env: Any = MechanismEnv("2RFR", on_instability="hold")
     home = pcm_gym.home_equilibrium(env.mechanism)
-    fold = BranchTracker(env.mechanism, home).step([-0.6, -1.3])
+    fold = BranchTracker(env.mechanism, home).step([0.3, 6.0])
     assert fold.event == Event.FOLD
     env.reset(seed=0, options={"equilibrium": fold.equilibrium, "goal": home.pose})
     for _ in range(3):
