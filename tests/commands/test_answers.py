@@ -176,7 +176,6 @@ def test_pictures_are_drawn(shell: Shell, tmp_path: Path, arguments: list[str], 
 
 
 def test_motions_show_where_the_mechanism_falls(shell: Shell, tmp_path: Path) -> None:
-    home = pcm_gym.home_equilibrium(pcm_gym.get_mechanism("2RFR"))
     path = tmp_path / "fall.gif"
     assert shell("render", "2RFR", "--to=0.3,6", "--frames", "3", "--out", path, "--size", "128").code == 0
     with Image.open(path) as image:

@@ -7,7 +7,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import pcm_gym
-from tests.environments.rollouts import assert_same, folding_arguments, make_bare, make_native, sweeping_actions
+from tests.environments.rollouts import assert_same, make_bare, make_native, sweeping_actions
 
 BEHAVIOURS: list[dict[str, Any]] = [{"on_instability": behaviour} for behaviour in ("snap", "hold", "continue")]
 REALISM: list[dict[str, Any]] = [
@@ -39,7 +39,6 @@ def test_passes_both_checks(environment_id: str, keywords: dict[str, Any], capsy
 
 
 def test_batch_equals_single_environment(environment_id: str, keywords: dict[str, Any]) -> None:
-    keywords = {**folding_arguments(environment_id), **keywords}
     batch, single = make_native(environment_id, 3, **keywords), make_bare(environment_id, **keywords)
     observation, _ = batch.reset(seed=0)
     space = batch.observation_space
