@@ -25,7 +25,7 @@ VARIANTS = [
     pytest.param(environment_id, keywords, id=f"{environment_id}-{'-'.join(map(str, keywords))}-{n}")
     for environment_id in pcm_gym.environment_ids()
     for n, keywords in enumerate(OF_TASK[environment_id.split("-")[1]])
-    if (environment_id, keywords.get("difficulty")) != ("PCM/2PFR-Reach-v0", "detour")
+    if (environment_id, keywords.get("difficulty")) != ("PCM/3PFR-Switch-v0", "fall")
 ]
 
 pytestmark = pytest.mark.parametrize(("environment_id", "keywords"), VARIANTS)

@@ -170,9 +170,9 @@ def _tasks() -> dict[str, tuple[str, dict[str, Any]]]:
         "2PFR-Track-sparse": ("PCM/2PFR-Track-v0", generous),
         "2RFR-Switch-sparse": ("PCM/2RFR-Switch-v0", {**generous, **_load("PCM/2RFR-Switch-v0")}),
     }
+    falling = {"difficulty": "fall", "on_instability": "snap"}
+    table["2RFR-Switch-fall"] = "PCM/2RFR-Switch-v0", {**falling, **_load("PCM/2RFR-Switch-v0")}
     for environment_id in ("PCM/2RFR-Switch-v0", "PCM/3PFR-Switch-v0"):
-        falling = {"difficulty": "fall", "on_instability": "snap"}
-        table[f"{_short(environment_id)}-fall"] = environment_id, {**falling, **_load(environment_id)}
         table[f"{_short(environment_id)}-{SYMMETRIC}"] = environment_id, {}
     for path in ("circle", "eight", "spline"):
         table[f"2RFR-Track-{path}"] = "PCM/2RFR-Track-v0", {"path": path}
