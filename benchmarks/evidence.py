@@ -106,7 +106,8 @@ class HomeSheets:
     @property
     def span(self) -> Array:
         """Extent of the poses along each coordinate, (d,), in m and rad."""
-        return np.ptp(self.poses, axis=0)
+        span: Array = np.ptp(self.poses, axis=0)
+        return span
 
     def at_home(self, count: int) -> States:
         """Return home so many times."""

@@ -108,7 +108,7 @@ class Chart:
 
     def within(self, least: int, most: int, signs: Integers) -> tuple[float, float, bool]:
         """Return covered share of the inputs within limits, that covered again, and whether a bad state is reached."""
-        inside = ((self.offsets * signs >= -least) & (self.offsets * signs <= most)).all(axis=1)
+        inside = np.asarray(((self.offsets * signs >= -least) & (self.offsets * signs <= most)).all(axis=1))
         ways, count = self.ways[inside[self.ways].all(axis=1)], len(inside)
         graph = sparse.csr_array((np.ones(len(ways)), (ways[:, 0], ways[:, 1])), shape=(count, count))
         _, labels = csgraph.connected_components(graph, directed=False)
@@ -159,7 +159,7 @@ def chart_around(home: Equilibrium, pitch: float, reach: int) -> Chart:
 
 def _homes(mechanism: Mechanism) -> Iterator[Equilibrium]:
     """Yield stable equilibria at the centre that a rod endures easily."""
-    for found in solve_forward(mechanism, mechanism.home_inputs, rho_max=_RHO_MAX).stable:
+    for found in solve_forward(mechanism, mechanism.home_inputs or (), rho_max=_RHO_MAX).stable:
         off = found.pose[: mechanism.dof - 1]
         state, inputs, _ = found.kernel_values()
         strength = Strength.of(mechanism, state[None], inputs[None])
