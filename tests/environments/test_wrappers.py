@@ -117,7 +117,7 @@ class TestSolverShield:
 
     @pytest.mark.parametrize("behaviour", ["terminate", "snap", "hold", "continue"])
     def test_stability_and_margin_are_kept_by_clamps_that_follow_late(self, behaviour: str) -> None:
-        keywords = {"on_instability": behaviour, **LATE, **RANDOMISED}
+        keywords = {"mechanism": "2RFR-paper", "on_instability": behaviour, **LATE, **RANDOMISED}
         plain = episodes(make("PCM/2RFR-Reach-v0", **keywords), 8)
         shielded = episodes(SolverShield(make("PCM/2RFR-Reach-v0", **keywords)), 8)
         assert sum(info["cost_unstable"] for info in plain) > 1
