@@ -94,7 +94,7 @@ FAMILIES = {
     # half the distance of the rails, how far they lean outwards, and the clamps inwards
     "2PFR": Family(_pair_of_rails, (0.03, -0.3, -0.6), (0.6, 2.2, 2.4), 0.05, 16, (1, 1)),
     # circle of the hinges, how far outside the bases are, turns of the clamps from inwards, of the rails from tangents
-    "3PFR": Family(_platform, (0.25, 0.75, 0.0, -_UP), (0.85, 0.975, 0.6, _UP), 0.1, 8, (1, 1, 1)),
+    "3PFR": Family(_platform, (0.25, 0.7, 0.0, -_UP), (0.85, 0.975, 0.6, _UP), 0.1, 8, (1, 1, 1)),
 }
 
 

@@ -167,7 +167,7 @@ def _tasks() -> dict[str, tuple[str, dict[str, Any]]]:
         "2RFR-Reach-sparse": ("PCM/2RFR-Reach-v0", generous),
         "3PFR-Reach-generous": ("PCM/3PFR-Reach-v0", {**generous, "reward_type": "dense"}),
         "2RFR-Reach-steps": ("PCM/2RFR-Reach-v0", steps),
-        "2PFR-Track-sparse": ("PCM/2PFR-Track-v0", generous),
+        "2PFR-Track-sparse": ("PCM/2PFR-Track-v0", {**generous, "success_distance": 0.05}),
         "2RFR-Switch-sparse": ("PCM/2RFR-Switch-v0", {**generous, **_load("PCM/2RFR-Switch-v0")}),
     }
     falling = {"difficulty": "fall", "on_instability": "snap"}
