@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import pcm_gym
+from agents.benchmarking.tiers import tiers
 from benchmarks import report
 from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
@@ -25,7 +26,7 @@ from benchmarks.machine import describe_machine
 from benchmarks.margins import judge_margins
 from benchmarks.peers import catalogue, table
 from benchmarks.problems import MECHANISMS, make_problems
-from benchmarks.references import PLANNER, as_json, judge, markdown, tiers
+from benchmarks.references import PLANNER, as_json, judge, markdown
 from benchmarks.shield import DIFFICULTIES, KINDS, defend
 from benchmarks.single import PEERS, make_all, throughput
 from benchmarks.startup import startup

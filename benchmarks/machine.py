@@ -3,7 +3,8 @@
 import importlib.metadata
 import os
 import platform
-from pathlib import Path
+
+from agents.experiments.machine import processor
 
 PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool", "pyelastica", "gym-softrobot")
 
@@ -11,22 +12,13 @@ PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool", "pyelas
 def describe_machine() -> dict[str, str]:
     """Return processor, cores, load and versions, as a reader of the figures would ask for them."""
     description = {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": f"{len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count()}",
         "load": " ".join(f"{value:.2f}" for value in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown",
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
     }
     return description | {name: _version(name) for name in PACKAGES}
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or "unknown"
 
 
 def _version(name: str) -> str:

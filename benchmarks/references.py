@@ -1,22 +1,20 @@
 """What references without learning make of every environment, tier by tier, on episodes that are the same for all."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-import pcm_gym
+from agents.benchmarking.tiers import Tier
 from agents.evaluation.episodes import EpisodeResult
+from agents.evaluation.first_successes import FirstSuccesses
 from agents.evaluation.rollouts import run_episodes
-from pcm_gym.environments.arguments import DEFAULTS
 from pcm_gym.environments.batch import MechanismVectorEnv
-from pcm_gym.environments.registration import ENVIRONMENTS, Registered
 from pcm_gym.references import REFERENCES, new_reference
-from pcm_gym.tasks import Goals, task_type
 
 # Whom steps are counted against, and the part of the time limit that it may take.
 PLANNER, PART_OF_LIMIT = "planner", 0.8
@@ -24,24 +22,6 @@ PLANNER, PART_OF_LIMIT = "planner", 0.8
 _ROWS, _FIRST_SEED = 250, 1_000_000
 
 Steps = dict[int, int]
-
-
-@dataclass(frozen=True)
-class Tier:
-    """An environment in one of its tiers.
-
-    Attributes
-    ----------
-    id : str
-    name : str
-        The difficulty; empty for a task without tiers.
-    arguments : dict
-        What `gymnasium.make_vec` is given.
-    """
-
-    id: str
-    name: str
-    arguments: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -84,22 +64,6 @@ class Refusal:
     reason: str
 
 
-def tiers(ids: Sequence[str], split: str) -> list[Tier]:
-    """Return every tier of some environments: as many as the difficulties that their tasks have."""
-    entries = [entry for entry in ENVIRONMENTS if entry.id in ids]
-    return [tier for entry in entries for tier in _tiers_of(entry, split)]
-
-
-def _tiers_of(entry: Registered, split: str) -> Iterator[Tier]:
-    kind, mechanism = task_type(entry.task), pcm_gym.get_mechanism(entry.mechanism)
-    for name in get_args(get_type_hints(kind).get("difficulty")) or ("",):
-        own = {"difficulty": name} if name else {}
-        allowed = kind(Goals(mechanism, with_inputs=kind.with_inputs), **own).behaviours
-        if DEFAULTS["on_instability"] not in allowed:
-            own["on_instability"] = allowed[0]
-        yield Tier(entry.id, name, {"split": split, **own})
-
-
 def judge(
     tier: Tier, names: Sequence[str], episodes: int, advance: Callable[[], None]
 ) -> tuple[list[Score], Refusal | None]:
@@ -135,20 +99,13 @@ def _run(
     env: MechanismVectorEnv, name: str, episodes: int, advance: Callable[[], None]
 ) -> tuple[list[EpisodeResult], Steps]:
     """Return what episodes come to, and after how many steps those that do are first a success, by their seeds."""
-    elapsed: Steps = {}
-    first: Steps = {}
-
-    def watch(row: int, seed: int, infos: Mapping[str, Any]) -> None:
-        elapsed[seed] = elapsed[seed] + 1 if infos else 0
-        if infos and infos["is_success"][row]:
-            first.setdefault(seed, elapsed[seed])
-
+    first = FirstSuccesses()
     results = []
     seeds = range(_FIRST_SEED, _FIRST_SEED + episodes)
-    for result in run_episodes(env, name, new_reference(name), seeds, watch):
+    for result in run_episodes(env, name, new_reference(name), seeds, first):
         results.append(result)
         advance()
-    return results, first
+    return results, first.steps
 
 
 def _score(

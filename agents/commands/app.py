@@ -1,7 +1,8 @@
-"""Training, evaluation and export under one name."""
+"""Training, evaluation, export and the benchmark under one name."""
 
 import typer
 
+from agents.commands.benchmark import benchmark
 from agents.commands.evaluate import evaluate
 from agents.commands.export import export
 from agents.commands.train import train
@@ -10,3 +11,4 @@ app = typer.Typer(no_args_is_help=True, help="Learn to move planar parallel cont
 app.command()(train)
 app.command()(evaluate)
 app.command()(export)
+app.command()(benchmark)

@@ -1,8 +1,6 @@
 """The command that trains."""
 
-import signal
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,13 +8,13 @@ import typer
 from rich.console import Console
 
 from agents.commands.errors import errors_from, errors_in_words, warn_of_foreign
+from agents.commands.signals import INTERRUPTED, termination_as_interruption
 from agents.experiments.config import ExperimentConfig, load_config, parse_config, parse_yaml
 from agents.experiments.learners import experiment_of, is_environment_id
 from agents.experiments.runs import RunFolder
 from agents.learners.files import PICKLES
 from agents.learners.settings import ConfigError
 
-INTERRUPTED = 130
 DEFAULT_LEARNER = "ppo"
 
 console = Console()
@@ -82,19 +80,9 @@ def _run(config: ExperimentConfig, run: RunFolder, *, resume: bool, force: bool)
     if resume:
         warn_of_foreign(console, (snapshot / name for snapshot in run.snapshots()[-1:] for name in PICKLES))
     try:
-        with _termination_as_interruption():
+        with termination_as_interruption():
             steps = training.train(config, run, resume=resume, replace=force)
     except KeyboardInterrupt as error:
         console.print(f"Interrupted; {run.path} can be continued with --resume.", style="yellow", soft_wrap=True)
         raise typer.Exit(code=INTERRUPTED) from error
     console.print(f"Trained for {steps:,} steps. Evaluate with: python -m agents.evaluate {run.path}", soft_wrap=True)
-
-
-@contextmanager
-def _termination_as_interruption() -> Iterator[None]:
-    """Let a request to terminate end the training as one from the keyboard does: with a snapshot."""
-    earlier = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, earlier)

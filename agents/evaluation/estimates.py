@@ -7,8 +7,12 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
+from pcm_gym.arrays import Array
+
 LEVEL = 0.95
 RESAMPLES = 2000
+# Of the values, when their middle half is taken.
+_CUT_AT_EACH_END = 0.25
 
 
 @dataclass(frozen=True)
@@ -39,5 +43,33 @@ def percentile_interval(sample: Sequence[float], percentile: float) -> Interval:
     generator = np.random.default_rng(0)
     found = stats.bootstrap(
         (values,), statistic, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", rng=generator
+    )
+    return Interval(estimate, float(found.confidence_interval.low), float(found.confidence_interval.high))
+
+
+def interquartile_mean(strata: Sequence[Sequence[float]]) -> Interval:
+    """Mean of the middle half of all values, with its stratified bootstrap interval.
+
+    As R. Agarwal et al. propose (*Deep reinforcement learning at the edge of the statistical precipice*, NeurIPS 2021):
+    values are those of runs, a stratum has those of one task, and each stratum is resampled by itself. Equal values give
+    equal intervals. The interval is nan where a stratum has one value only: nothing tells how far it varies.
+    """
+    estimate = float(stats.trim_mean(np.concatenate(strata), _CUT_AT_EACH_END))
+    if min(map(len, strata)) < 2:
+        return Interval(estimate, np.nan, np.nan)
+    if all(np.ptp(values) == 0.0 for values in strata):
+        return Interval(estimate, estimate, estimate)
+
+    def statistic(*samples: Array, axis: int) -> Array:
+        return np.asarray(stats.trim_mean(np.concatenate(samples, axis=axis), _CUT_AT_EACH_END, axis=axis))
+
+    found = stats.bootstrap(
+        [np.asarray(values, dtype=np.float64) for values in strata],
+        statistic,
+        n_resamples=RESAMPLES,
+        confidence_level=LEVEL,
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(0),
     )
     return Interval(estimate, float(found.confidence_interval.low), float(found.confidence_interval.high))

@@ -2,12 +2,13 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import yaml
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from agents.controllers.table import remarks
+from agents.experiments.files import write_whole
 from agents.learners.algorithms import ALGORITHMS
 from agents.learners.settings import (
     AlgorithmName,
@@ -25,6 +26,8 @@ from agents.learners.settings import (
 MANAGED_HYPERPARAMETERS = frozenset(
     {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "replay_buffer_class", "replay_buffer_kwargs"}
 )
+
+SectionType = TypeVar("SectionType", bound=Section)
 
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 ControllerName = Annotated[str, name_in(remarks)]
@@ -171,15 +174,26 @@ def parse_config(content: object, source: str = "configuration") -> ExperimentCo
     ConfigError
         If an entry is missing, unknown or out of range.
     """
+    return validated(ExperimentConfig, content, source)
+
+
+def validated(kind: type[SectionType], content: object, source: str) -> SectionType:
+    """Section of that kind, of plain data; `source` names it in errors.
+
+    Raises
+    ------
+    ConfigError
+        If an entry is missing, unknown or out of range; every one is named.
+    """
     try:
-        return ExperimentConfig.model_validate(content)
+        return kind.model_validate(content)
     except ValidationError as error:
         raise ConfigError(_describe(error, source)) from error
 
 
 def save_config(config: ExperimentConfig, path: Path) -> None:
     """Write the experiment, defaults included, as YAML that `load_config` reads back to an equal value."""
-    path.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False))
 
 
 def _describe(error: ValidationError, source: str) -> str:

@@ -15,13 +15,13 @@
 """
 
 import json
-import platform
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 
+from agents.experiments.files import PARTIAL, write_whole
+from agents.experiments.machine import versions
 from agents.learners.files import MODEL, NORMALISATION, REPLAY_BUFFER
 from agents.learners.provenance import MARKS
 from agents.learners.settings import UsageError
@@ -31,7 +31,6 @@ PROGRESS = "progress.csv"
 EVALUATION = "evaluation.json"
 POLICY = "policy.npz"
 
-_RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "numpy", "numba", "scipy")
 _LEVELS_ABOVE_A_MODEL = 3
 
 
@@ -77,12 +76,12 @@ class RunFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise RunError(f"{self.path} is not a folder")
-        if self.path.exists() and any(self.path.iterdir()):
+        if self.path.exists() and any(path.suffix != PARTIAL for path in self.path.iterdir()):
             if not self.config.exists():
                 raise RunError(f"{self.path} is not a run ({CONFIG} is missing), so it is not deleted")
             if not replace and (self.snapshots() or (self.path / MODEL).exists()):
                 raise RunError(f"{self.path} already holds a run: --resume continues it, --force starts it afresh")
-            shutil.rmtree(self.path)
+            _delete(self.path)
         self.path.mkdir(parents=True, exist_ok=True)
 
     def snapshots(self) -> list[Path]:
@@ -100,7 +99,7 @@ class RunFolder:
             If it cannot be written; the snapshots before it stay.
         """
         folder = self.path / "checkpoints" / f"{steps:010d}"
-        partial = folder.with_suffix(".partial")
+        partial = folder.with_suffix(PARTIAL)
         for leftover in (partial, folder):
             shutil.rmtree(leftover, ignore_errors=True)
         try:
@@ -123,9 +122,7 @@ class RunFolder:
 
     def write_versions(self) -> None:
         """Record the versions of Python and of the packages that decide the result."""
-        versions = {"python": platform.python_version()}
-        versions |= {package: _version(package) for package in _RECORDED_PACKAGES}
-        self.versions.write_text(json.dumps(versions, indent=2) + "\n", encoding="utf-8")
+        write_whole(self.versions, json.dumps(versions(), indent=2) + "\n")
 
 
 @dataclass(frozen=True)
@@ -167,8 +164,9 @@ def _config_above(folder: Path) -> Path:
     return found
 
 
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+def _delete(folder: Path) -> None:
+    """Delete a folder so that no half of it bears its name, if it is killed meanwhile."""
+    leaving = folder.with_name(f"{folder.name}{PARTIAL}")
+    shutil.rmtree(leaving, ignore_errors=True)
+    folder.rename(leaving)
+    shutil.rmtree(leaving)

@@ -66,6 +66,7 @@ COMMANDS = (
     CheckoutCommand("train", "Train an agent, as a YAML file says.", "agents.commands.app"),
     CheckoutCommand("evaluate", "Judge a trained agent on held-out goals.", "agents.commands.app"),
     CheckoutCommand("export", "Write a trained agent as a policy that needs NumPy only.", "agents.commands.app"),
+    CheckoutCommand("benchmark", "Train and judge all learners in all tiers, with all seeds.", "agents.commands.app"),
     CheckoutCommand("figures", "Draw the paper's figures and print their numbers.", "docs.figures.__main__"),
 )
 

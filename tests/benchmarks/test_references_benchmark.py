@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 import pcm_gym
-from benchmarks.references import Score, as_json, judge, markdown, tiers
+from agents.benchmarking.tiers import tiers
+from benchmarks.references import Score, as_json, judge, markdown
 from pcm_gym.references import REFERENCES
 
 EPISODES = 12

@@ -73,6 +73,7 @@ def test_commands_of_the_checkout_have_help_of_their_own(shell: Shell) -> None:
         ("train", "--resume"),
         ("evaluate", "--episodes"),
         ("export", "--output"),
+        ("benchmark", "--jobs"),
         ("figures", "--only"),
     ):
         ended = shell(name, "--help")

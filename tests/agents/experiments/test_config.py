@@ -8,7 +8,8 @@ import pytest
 from agents.experiments.config import EvaluationConfig, load_config, parse_config, save_config
 from agents.learners.settings import ConfigError
 
-CONFIGS = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))
+_FILES = sorted((Path(__file__).parents[3] / "configs").glob("*.yaml"))
+CONFIGS = [path for path in _FILES if not path.stem.startswith("benchmark")]  # those are no experiments
 SMALLEST: dict[str, Any] = {"name": "x", "environment": {"id": "PCM/2RFR-Reach-v0"}, "total_steps": 10}
 
 
