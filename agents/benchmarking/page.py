@@ -14,10 +14,10 @@ from agents.evaluation.estimates import Interval
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _MM_PER_M, _MICROSECONDS_PER_SECOND = 1e3, 1e6
-# How a measure is written: its unit in those of the results, and the digits after the point.
+# How a measure is written, in the order of the columns: the factor to its unit there, and digits after the point.
 _WRITTEN: Mapping[str, tuple[float, int]] = {
-    "success": (100.0, 1),
     "safe_success": (100.0, 1),
+    "success": (100.0, 1),
     "losses_per_1000_steps": (1.0, 2),
     "spl": (1.0, 3),
     "final_error": (_MM_PER_M, 1),

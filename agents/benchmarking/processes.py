@@ -11,6 +11,7 @@ from itertools import islice
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess, parent_process
 from pathlib import Path
+from types import FrameType
 
 from agents.benchmarking.cells import Cell, ResultsFolder
 from agents.benchmarking.work import Asked, result_of
@@ -74,7 +75,7 @@ def log_of(cell: Cell, asked: Asked) -> Path:
 
 def _work(cell: Cell, asked: Asked, folder: ResultsFolder) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; whoever started this one decides
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, _interrupt_once)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _write_to(log_of(cell, asked))
     try:
@@ -84,6 +85,12 @@ def _work(cell: Cell, asked: Asked, folder: ResultsFolder) -> None:
     except Exception as error:
         traceback.print_exc()
         folder.fail(cell, str(error) if isinstance(error, UsageError) else f"{type(error).__name__}: {error}")
+
+
+def _interrupt_once(number: int, frame: FrameType | None) -> None:
+    """Interrupt what goes on; a second request, from whoever sends it, must not interrupt what is saved then."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _end_with_parent() -> None:

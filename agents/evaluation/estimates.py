@@ -51,8 +51,8 @@ def interquartile_mean(strata: Sequence[Sequence[float]]) -> Interval:
     """Mean of the middle half of all values, with its stratified bootstrap interval.
 
     As R. Agarwal et al. propose (*Deep reinforcement learning at the edge of the statistical precipice*, NeurIPS 2021):
-    values are those of runs, a stratum has those of one task, and each stratum is resampled by itself. Equal values give
-    equal intervals. The interval is nan where a stratum has one value only: nothing tells how far it varies.
+    values are those of runs, a stratum has those of one task, and each stratum is resampled by itself. Equal values
+    give equal intervals. The interval is nan where a stratum has one value only: nothing tells how far it varies.
     """
     estimate = float(stats.trim_mean(np.concatenate(strata), _CUT_AT_EACH_END))
     if min(map(len, strata)) < 2:
