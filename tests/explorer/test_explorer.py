@@ -1,6 +1,7 @@
 """The explorer over its socket: what it answers is what the library says, and what it must refuse it refuses."""
 
 import http.client
+import itertools
 import json
 import math
 from collections.abc import Iterator
@@ -80,9 +81,9 @@ def test_a_drag_brings_the_end_effector_to_the_pointer(page: Browser) -> None:
 def test_driving_past_a_fold_snaps_as_the_library_does(page: Browser) -> None:
     mechanism = pcm_gym.get_mechanism("2RFR")
     home = pcm_gym.home_equilibrium(mechanism)
-    target = home.inputs + 2.5
-    step = pcm_gym.BranchTracker(mechanism, home).step(target)
-    assert step.event == pcm_gym.Event.FOLD
+    corners = [np.array(pair) for pair in itertools.product(*(leg.actuator.limits for leg in mechanism.legs))]
+    steps = [(pcm_gym.BranchTracker(mechanism, home).step(corner), corner) for corner in corners]
+    step, target = next(each for each in steps if each[0].event == pcm_gym.Event.FOLD)
     state = page.ask("drive", inputs=target.tolist())
     landing = pcm_gym.snap(step.equilibrium)
     assert state["event"] == "fold"

@@ -1,7 +1,8 @@
 """Folds and pitchforks of two rods by shooting and a bordered system: no elliptic function, no code of the package.
 
 The unknowns of each rod are the curvature at its clamp and the force on its tip; its equation is integrated from the
-clamp with steps of fourth order, in complex numbers, so that derivatives are exact to rounding. A singular point of the
+clamp with steps of fourth order and those half as long, extrapolated, in complex numbers, so that derivatives are exact
+to rounding. A singular point of the
 equations G(z, s) = 0 along a line s of inputs and load solves the system of Moore and Spence,
 
     G(z, s) = 0,   G_z(z, s) v = 0,   v . v = 1,
@@ -19,7 +20,7 @@ from pcm_gym.arrays import Array
 
 Complex = NDArray[np.complex128]
 
-_STEPS = 1500
+_STEPS = 200
 _COMPLEX_STEP, _DIFFERENCE = 1e-30, 1e-6
 _NEWTON_STEPS = 20
 
@@ -34,65 +35,60 @@ class TwoRods(NamedTuple):
 
 
 def residual(rods: TwoRods, z: Complex, s: Complex) -> Complex:
-    """Return the errors (n, 6) of both hinges' moments, of the common tip and of the balance, for z (n, 6)."""
-    curvature, force_x, force_y = z[:, 0::3], z[:, 1::3], z[:, 2::3]
-    x, y, angle = (np.array(part, dtype=complex) for part in rods.clamps(s))
-    h = rods.lengths / _STEPS
-    state = np.stack(np.broadcast_arrays(x, y, angle, curvature + 0j))
+    """Return the errors (n, 6) of both hinges' moments, of the common tip and of the balance, (z, s) (n, 7)."""
+    coarse, fine = (_integrated(rods, z, s, steps) for steps in (_STEPS, 2 * _STEPS))
+    tip = fine + (fine - coarse) / 15.0
+    load_x, load_y = rods.load(s)
+    errors = [tip[3, :, 0], tip[3, :, 1], tip[0, :, 0] - tip[0, :, 1], tip[1, :, 0] - tip[1, :, 1]]
+    balance = [z[:, 1::3].sum(axis=1) - load_x, z[:, 2::3].sum(axis=1) - load_y]
+    return np.stack([*errors, *balance], axis=1)
+
+
+def _integrated(rods: TwoRods, z: Complex, s: Complex, steps: int) -> Complex:
+    """Return x, y, angle and curvature of both tips, (4, n, 2)."""
+    force_x, force_y = z[:, 1::3] / rods.stiffnesses, z[:, 2::3] / rods.stiffnesses
+    state = np.stack(np.broadcast_arrays(*rods.clamps(s), z[:, 0::3] + 0j))
+    h = rods.lengths / steps
 
     def slope(at: Complex) -> Complex:
-        c, si = np.cos(at[2]), np.sin(at[2])
-        return np.stack([c, si, at[3], (si * force_x - c * force_y) / rods.stiffnesses])
+        rate = np.empty_like(at)
+        rate[0], rate[1], rate[2] = np.cos(at[2]), np.sin(at[2]), at[3]
+        rate[3] = rate[1] * force_x - rate[0] * force_y
+        return rate
 
-    for _ in range(_STEPS):
+    for _ in range(steps):
         first = slope(state)
         second = slope(state + 0.5 * h * first)
         third = slope(state + 0.5 * h * second)
         fourth = slope(state + h * third)
         state = state + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-    load_x, load_y = rods.load(s)
-    return np.stack(
-        [
-            state[3, :, 0],
-            state[3, :, 1],
-            state[0, :, 0] - state[0, :, 1],
-            state[1, :, 0] - state[1, :, 1],
-            force_x.sum(axis=1) - load_x,
-            force_y.sum(axis=1) - load_y,
-        ],
-        axis=1,
-    )
+    return state
 
 
-def _with_derivatives(rods: TwoRods, z: Array, s: float) -> tuple[Array, Array, Array]:
-    """Return residual (6,), its derivative by z (6, 6) and by s (6,)."""
+def _with_derivatives(rods: TwoRods, y: Array) -> tuple[Array, Array]:
+    """Return residual (n, 6) and its derivative (n, 6, 7) at the places y (n, 7) = (z, s)."""
     steps = 1j * _COMPLEX_STEP * np.eye(7)
-    moved = residual(rods, z + steps[:, :6], s + steps[:, 6])
-    rates = moved.imag.T / _COMPLEX_STEP
-    return moved[0].real, rates[:, :6], rates[:, 6]
+    moved = (y[:, None] + steps).reshape(-1, 7)
+    value = residual(rods, moved[:, :6], moved[:, 6]).reshape(len(y), 7, 6)
+    return value[:, 0].real, np.swapaxes(value.imag, 1, 2) / _COMPLEX_STEP
 
 
 def singular_place(rods: TwoRods, z: Array, s: float) -> tuple[float, Array, float]:
     """Return s and z of the singular point near a guess, and the size of the last correction."""
-    _, by_z, _ = _with_derivatives(rods, z, s)
-    v = np.linalg.svd(by_z)[2][-1]
-    size = np.inf
+    y, size = np.append(z, s), np.inf
+    v = np.linalg.svd(_with_derivatives(rods, y[None])[1][0, :, :6])[2][-1]
+    moves = _DIFFERENCE * np.eye(7)
     for _ in range(_NEWTON_STEPS):
-        value, by_z, by_s = _with_derivatives(rods, z, s)
-        second = np.empty((6, 7))  # derivatives of G_z v
-        for k in range(7):
-            move = _DIFFERENCE * np.eye(7)[k]
-            above = _with_derivatives(rods, z + move[:6], s + move[6])[1]
-            below = _with_derivatives(rods, z - move[:6], s - move[6])[1]
-            second[:, k] = (above - below) @ v / (2.0 * _DIFFERENCE)
+        values, rates = _with_derivatives(rods, np.vstack([y, y + moves, y - moves]))
+        by_z, by_s = rates[0, :, :6], rates[0, :, 6]
+        second = (rates[1:8, :, :6] - rates[8:, :, :6]) @ v / (2.0 * _DIFFERENCE)  # derivatives of G_z v, (7, 6)
         matrix = np.zeros((13, 13))
         matrix[:6, :6], matrix[:6, 12] = by_z, by_s
-        matrix[6:12, :6], matrix[6:12, 6:12], matrix[6:12, 12] = second[:, :6], by_z, second[:, 6]
+        matrix[6:12, :6], matrix[6:12, 6:12], matrix[6:12, 12] = second[:6].T, by_z, second[6]
         matrix[12, 6:12] = 2.0 * v
-        right = np.concatenate([value, by_z @ v, [v @ v - 1.0]])
+        right = np.concatenate([values[0], by_z @ v, [v @ v - 1.0]])
         step = -np.linalg.lstsq(matrix, right, rcond=1e-7)[0]
-        z, v, s = z + step[:6], v + step[6:12], s + float(step[12])
-        size = float(np.abs(step).max())
-        if size < 1e-11:
+        y, v, size = y + step[[0, 1, 2, 3, 4, 5, 12]], v + step[6:12], float(np.abs(step).max())
+        if size < 1e-10:
             break
-    return s, z, size
+    return float(y[6]), y[:6], size
