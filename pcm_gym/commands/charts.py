@@ -126,31 +126,27 @@ def diagram(
     if as_json:
         print_json(_diagram_data(found))
         return
-    columns = ("kind", "fraction", "indices", "branches", "pose", "inputs", "load", "energy")
-    rows = [
-        (
-            point.kind.value,
-            f"{point.fraction:.9f}",
-            point.indices,
-            [number for number, _ in point.branches],
-            point.equilibrium.pose,
-            point.equilibrium.inputs,
-            point.equilibrium.load,
-            point.equilibrium.energy,
-        )
-        for point in found.points
-    ]
-    if rows:
-        print_table(columns, rows)
-    unfollowed = sum(len(each.unfollowed) for each in found.slices)
-    typer.echo(f"{len(found.branches)} branches, {len(found.points)} special points")
-    if unfollowed:
-        typer.echo(f"{unfollowed} singular equilibria could not be followed")
+    _print_points(found)
     if certify:
         typer.echo(f"proved complete: {sum(each.is_proved for each in found.slices)} of {len(found.slices)} slices")
     typer.echo("A branch that meets no slice and crosses no other one may be missing.")
     if out is not None:
         typer.echo(f"written to {out}")
+
+
+def _print_points(found: "BifurcationDiagram") -> None:
+    columns = ("kind", "fraction", "indices", "branches", "pose", "inputs", "load", "energy")
+    rows = []
+    for point in found.points:
+        there, branches = point.equilibrium, [number for number, _ in point.branches]
+        place = (there.pose, there.inputs, there.load, there.energy)
+        rows.append((point.kind.value, f"{point.fraction:.9f}", point.indices, branches, *place))
+    if rows:
+        print_table(columns, rows)
+    typer.echo(f"{len(found.branches)} branches, {len(found.points)} special points")
+    unfollowed = sum(len(each.unfollowed) for each in found.slices)
+    if unfollowed:
+        typer.echo(f"{unfollowed} singular equilibria could not be followed")
 
 
 def _diagram_data(found: "BifurcationDiagram") -> dict[str, Any]:

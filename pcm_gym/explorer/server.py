@@ -20,6 +20,7 @@ from pcm_gym.explorer.views import Data
 from pcm_gym.mechanism import Mechanism
 
 HOST = "127.0.0.1"
+_LOG = logging.getLogger(__name__)
 _NAMES = (HOST, "localhost")
 _LARGEST_MESSAGE, _MOST_SESSIONS = 1 << 16, 16
 # Lengthy searches at a time, of all sessions: drags need the processor, too.
@@ -63,15 +64,16 @@ async def serve_explorer(mechanism: Mechanism, port: int, started: Callable[[str
     port = own.getsockname()[1]
     hosts = {f"{name}:{port}" for name in _NAMES}
     explorer = _Explorer(mechanism, hosts)
-    logger = logging.getLogger(__name__)
-    logger.setLevel(logging.CRITICAL)  # a browser that goes away, or is refused, is no news
+    quiet = logging.getLogger(f"{__name__}.sockets")
+    quiet.setLevel(logging.CRITICAL)  # a browser that goes away, or is refused, is no news
+    await asyncio.to_thread(Session, mechanism)  # which fails now if it has no home, and compiles what is needed
     async with serve(
         explorer.talk,
         sock=own,
         origins=[f"http://{host}" for host in sorted(hosts)],  # type: ignore[list-item]
         process_request=explorer.page,
         max_size=_LARGEST_MESSAGE,
-        logger=logger,
+        logger=quiet,
     ) as server:
         started(f"http://{HOST}:{port}/")
         await server.serve_forever()
@@ -148,7 +150,7 @@ class _Talk:
                 if type(following) is type(message):
                     message, following = following, None
             if not isinstance(message, LENGTHY):
-                await self._send(await asyncio.to_thread(self._session.answer, message))
+                await self._send(await self._answered(message))
             elif len(self._lengthy) >= _MOST_LENGTHY:
                 await self._refuse("earlier searches are not done yet", message.id)
             else:
@@ -158,7 +160,14 @@ class _Talk:
 
     async def _search(self, message: Message) -> None:
         async with self._searches:
-            await self._send(await asyncio.to_thread(self._session.answer, message))
+            await self._send(await self._answered(message))
+
+    async def _answered(self, message: Message) -> Data:
+        try:
+            return await asyncio.to_thread(self._session.answer, message)
+        except Exception:  # others, and this one, are to go on
+            _LOG.exception("a mistake of the package, at %r", message)
+            return {"kind": "refused", "reason": "a mistake of the package", "answers": message.id}
 
     async def _refuse(self, reason: str, number: int | None = None) -> None:
         await self._send({"kind": "refused", "reason": reason, "answers": number})

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-import pcm_gym
 from pcm_gym.arrays import Array
 from pcm_gym.explorer import messages
 from pcm_gym.explorer.views import (
@@ -22,7 +21,19 @@ from pcm_gym.explorer.views import (
 from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
 from pcm_gym.mechanism.text import mechanism_from_json
 from pcm_gym.rendering.vector import equilibrium_svg
-from pcm_gym.solving import BifurcationDiagram, BranchTracker, Equilibrium, Event, SingularCurve
+from pcm_gym.solving import (
+    BifurcationDiagram,
+    BranchTracker,
+    Equilibrium,
+    Event,
+    SingularCurve,
+    bifurcation_diagram,
+    forward_singularities,
+    home_equilibrium,
+    search_budget,
+    snap,
+    solve_forward,
+)
 
 RHO_MAX = 9.0
 # What a search may spend, in tests: a few seconds.
@@ -61,7 +72,7 @@ class Session:
 
     def answer(self, message: messages.Message) -> Data:
         """Return the answer to a message; of what cannot be done, the reason."""
-        with pcm_gym.search_budget(_BUDGET):
+        with search_budget(_BUDGET):
             try:
                 content: Data = self._answers[type(message)](message)
             except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
@@ -93,7 +104,7 @@ class Session:
         return self.greeting()
 
     def _take(self, mechanism: Mechanism) -> None:
-        self._set(pcm_gym.home_equilibrium(mechanism))
+        self._set(home_equilibrium(mechanism))
         self._diagram: BifurcationDiagram | None = None
 
     @property
@@ -102,7 +113,7 @@ class Session:
 
     def _set(self, equilibrium: Equilibrium) -> None:
         """Take a state, and find all others at its inputs and load."""
-        found = pcm_gym.solve_forward(equilibrium.mechanism, equilibrium.inputs, equilibrium.load, RHO_MAX)
+        found = solve_forward(equilibrium.mechanism, equilibrium.inputs, equilibrium.load, RHO_MAX)
         own = [
             n
             for n, each in enumerate(found)
@@ -148,7 +159,7 @@ class Session:
 
     def _fall(self, edge: Equilibrium | None = None, event: Event = Event.NONE) -> Data:
         edge = self._equilibrium if edge is None else edge
-        fall = pcm_gym.snap(edge)
+        fall = snap(edge)
         self._set(fall.equilibrium)
         told = {
             "is_landed": fall.is_landed,
@@ -206,7 +217,7 @@ class Session:
         ends = np.tile(held, (2, 1))
         ends[:, asked.axis] = first, last
         along = {"inputs": ends, "load": here.load} if is_input else {"inputs": here.inputs, "load": ends}
-        diagram = pcm_gym.bifurcation_diagram(mechanism, along, RHO_MAX)
+        diagram = bifurcation_diagram(mechanism, along, RHO_MAX)
         self._diagram = diagram
         return {
             "kind": "diagram",
@@ -241,4 +252,4 @@ class Session:
 def _fold_curves(
     mechanism: Mechanism, load: tuple[float, ...], held: tuple[tuple[int, float], ...]
 ) -> tuple[SingularCurve, ...]:
-    return pcm_gym.forward_singularities(mechanism, load, RHO_MAX, progress=False, held=dict(held), grid=6)
+    return forward_singularities(mechanism, load, RHO_MAX, progress=False, held=dict(held), grid=6)

@@ -151,13 +151,13 @@ class _Search:
         known = [own for branch in self.branches for own in branch.at(fraction)]
         unfollowed = []
         for equilibrium in found:
-            if self._is_among(equilibrium.state, known):
+            y = np.append(equilibrium.state, fraction * way.length)
+            if self._is_among(equilibrium.state, known) or self._is_on_any(y):
                 continue
-            added = self._follow(np.append(equilibrium.state, fraction * way.length))
-            known += [own for branch in added for own in branch.at(fraction)]
-            if not self._is_among(equilibrium.state, known):
+            known += [own for branch in self._follow(y) for own in branch.at(fraction)]
+            if not (self._is_among(equilibrium.state, known) or self._is_on_any(y)):
                 unfollowed.append(equilibrium)
-        is_proved = found.certificate is not None and not found.certificate.undecided
+        is_proved = found.certificate is not None and found.certificate.is_proved
         return Slice(fraction, len(found), is_proved, tuple(unfollowed))
 
     def diagram(self, found: tuple[Slice, ...]) -> BifurcationDiagram:
@@ -182,7 +182,7 @@ class _Search:
         legs, added, starts = self.way.mechanism.leg_table, [], [y]
         while starts:
             start = starts.pop()
-            if any(self._is_on(start, branch) for branch in self.branches):
+            if self._is_on_any(start):
                 continue
             traced = trace(legs, self.problem, start)
             if len(traced.path) < 2:
@@ -197,9 +197,13 @@ class _Search:
                 starts += [own for own in beside if 0.0 <= own[-1] <= self.way.length]
         return added
 
-    def _is_on(self, y: Array, branch: DiagramBranch) -> bool:
-        path = np.column_stack([branch.states, branch.fractions * self.way.length])
-        return bool(is_on_path(self.way.mechanism.leg_table, y, self.problem, path, branch.tangents))
+    def _is_on_any(self, y: Array) -> bool:
+        """Return whether a point is on a branch that was followed already."""
+        legs, problem = self.way.mechanism.leg_table, self.problem
+        paths = (np.column_stack([own.states, own.fractions * self.way.length]) for own in self.branches)
+        return any(
+            is_on_path(legs, y, problem, path, own.tangents) for path, own in zip(paths, self.branches, strict=True)
+        )
 
     def _crossing(self, branch: DiagramBranch, k: int) -> Crossing:
         along = _unknowns(branch, min(k + 1, len(branch) - 1)) - _unknowns(branch, max(k - 1, 0))

@@ -138,6 +138,9 @@ class DiagramBranch:
     special: tuple[int, ...]
     ends: tuple[CurveEnd, CurveEnd]
 
+    def __post_init__(self) -> None:
+        check_kinds(self, way=Way, states=np.ndarray, fractions=np.ndarray, special=tuple, ends=tuple)
+
     def __len__(self) -> int:
         """Return the number of vertices."""
         return len(self.states)
@@ -281,6 +284,9 @@ class BifurcationDiagram:
     branches: tuple[DiagramBranch, ...]
     points: tuple[SpecialPoint, ...]
     slices: tuple[Slice, ...]
+
+    def __post_init__(self) -> None:
+        check_kinds(self, way=Way, rho_max=float, branches=tuple, points=tuple, slices=tuple)
 
     @property
     def mechanism(self) -> Mechanism:
