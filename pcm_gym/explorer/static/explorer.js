@@ -211,7 +211,9 @@ function drawDiagram() {
     return;
   }
   const heights = diagram.branches.flatMap(branch => branch.abscissa.map((_, k) => height(branch, k)));
-  const view = own.plot = new View(svg, [...diagram.range, ...rangeOf(heights)], { width: 600, height: 340, margin: [26, 14, 44, 64] });
+  const width = Math.min(Math.max(svg.clientWidth, 320), 800); // so that words are as large as elsewhere
+  const view = own.plot = new View(svg, [...diagram.range, ...rangeOf(heights)],
+    { width, height: Math.max(0.58 * width, 260), margin: [26, 14, 44, 60] });
   view.axes([`${diagram.along} ${diagram.axis + 1}`, by("ordinate").value]);
   for (const branch of diagram.branches) for (const [first, last, index] of branch.pieces) {
     const line = [];
@@ -277,6 +279,7 @@ by("diagram-button").addEventListener("click", () => {
   ask("diagram", { along, axis: Number(axis) });
 });
 by("ordinate").addEventListener("change", drawDiagram);
+addEventListener("resize", () => { if (own.mechanism) drawDiagram(); });
 addEventListener("keydown", event => {
   const keys = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowDown: [1, -1], ArrowUp: [1, 1] };
   if (!keys[event.key] || /INPUT|SELECT/.test(event.target.tagName) || !own.state) return;
