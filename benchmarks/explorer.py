@@ -8,9 +8,11 @@ import base64
 import itertools
 import json
 import math
+import os
 import random
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 import urllib.request
@@ -113,6 +115,25 @@ class Page:
 
 
 @contextmanager
+def explored(name: str) -> Iterator[str]:
+    """Return the address of an explorer that ``pcm-gym explore`` serves in a process of its own."""
+    command = [sys.executable, "-m", "pcm_gym", "explore", name, "--port", "0", "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    try:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        yield next(word for word in said.split() if word.startswith("http"))
+    finally:
+        process.terminate()
+        process.wait(_PATIENCE)
+
+
+def has_browser() -> bool:
+    """Return whether there is a browser to drive."""
+    return any(map(shutil.which, BROWSERS))
+
+
+@contextmanager
 def browsed(address: str, width: int = 1280, height: int = 1000) -> Iterator[Page]:
     """Return a page of a headless browser at an address."""
     name = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -152,6 +173,18 @@ def _page_address(port: int) -> str:
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
         pages = json.load(answer)
     return str(next(page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page"))
+
+
+def take_pictures(page: Page, folder: Path) -> None:
+    """Write pictures of the page with a diagram on it, on a wide and on a narrow screen."""
+    folder.mkdir(parents=True, exist_ok=True)
+    page.wait_for("window.explorer.own.mechanism.dof === 3 || Boolean(window.explorer.own.folds)")
+    page.value("document.getElementById('diagram-button').click()")
+    page.wait_for("Boolean(window.explorer.own.diagram)")
+    for width, height in ((390, 844), (1280, 1000)):
+        page.resize(width, height)
+        time.sleep(0.5)
+        page.screenshot(folder / f"explorer-{width}.png")
 
 
 def interact(page: Page, count: int, seed: int = 0) -> Answers:
