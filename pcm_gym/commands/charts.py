@@ -176,7 +176,7 @@ def _diagram_data(found: "BifurcationDiagram") -> dict[str, Any]:
         }
         for point in found.points
     ]
-    slices = [{"fraction": each.fraction, "count": each.count, "is_proved": each.is_proved} for each in found.slices]
+    slices = [{"fraction": each.fraction, "count": each.found, "is_proved": each.is_proved} for each in found.slices]
     return {
         "mechanism": found.mechanism.name,
         "inputs": found.way.inputs,

@@ -13,6 +13,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.typing import Origin
 
 from pcm_gym.explorer.messages import LENGTHY, PASSING, Message, MessageError, message_of
 from pcm_gym.explorer.session import Session
@@ -70,7 +71,7 @@ async def serve_explorer(mechanism: Mechanism, port: int, started: Callable[[str
     async with serve(
         explorer.talk,
         sock=own,
-        origins=[f"http://{host}" for host in sorted(hosts)],  # type: ignore[list-item]
+        origins=[Origin(f"http://{host}") for host in sorted(hosts)],
         process_request=explorer.page,
         max_size=_LARGEST_MESSAGE,
         logger=quiet,

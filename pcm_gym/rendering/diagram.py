@@ -122,5 +122,4 @@ def _ticks(low: float, high: float) -> Array:
     wanted = (high - low) / _TICKS
     power = 10.0 ** math.floor(math.log10(wanted))
     step = power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= wanted * (1.0 - 1e-12))
-    ticks: Array = step * np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
-    return ticks
+    return step * np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1, dtype=np.float64)

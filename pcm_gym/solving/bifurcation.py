@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from pcm_gym.arrays import Array
-from pcm_gym.kernels.branches.curves import is_on_path, point_beside
+from pcm_gym.arrays import Array, Integers
+from pcm_gym.kernels.branches.curves import is_on_path, point_beside, polish
 from pcm_gym.kernels.branches.problem import Problem
 from pcm_gym.kernels.branches.ways import (
     ENERGY,
@@ -51,6 +51,8 @@ _REACH = 1.5
 _POINTS_AT_ONCE = 1 << 9
 # Special points of two branches that are nearer, in fraction and state, are one.
 _SAME_FRACTION, _SAME_STATE = 1e-6, 1e-3
+# Vertices whose parameters differ by less are at one end of the way.
+_SAME_PLACE = 1e-8
 
 
 def bifurcation_diagram(
@@ -187,7 +189,7 @@ class _Search:
             traced = trace(legs, self.problem, start)
             if len(traced.path) < 2:
                 continue
-            branch = self._branch(traced)
+            branch = self._branch(self._with_exact_ends(traced))
             crossed = {k: self._crossing(branch, k) for k in branch.special if _fold_indices(branch, k) is None}
             self.branches.append(branch)
             self.crossings.append(crossed)
@@ -209,6 +211,20 @@ class _Search:
         along = _unknowns(branch, min(k + 1, len(branch) - 1)) - _unknowns(branch, max(k - 1, 0))
         return crossing_at(self.way.mechanism.leg_table, _unknowns(branch, k), along, self.problem)
 
+    def _with_exact_ends(self, traced: Traced) -> Traced:
+        """Return a curve whose vertices at the ends of the way are there exactly, and once."""
+        path, kept = traced.path.copy(), np.ones(len(traced.path), dtype=np.bool_)
+        upright = np.zeros(path.shape[1])
+        upright[-1] = 1.0
+        for end, inner, met in ((0, 1, traced.ends[0]), (-1, -2, traced.ends[1])):
+            if met is not CurveEnd.BOUNDS:
+                continue
+            path[end, -1] = 0.0 if path[end, -1] < 0.5 * self.way.length else self.way.length
+            polish(self.way.mechanism.leg_table, path[end], upright, self.problem)
+            if len(path) > 2 and abs(path[inner, -1] - path[end, -1]) < _SAME_PLACE:
+                kept[inner] = False
+        return Traced(path[kept], traced.tangents[kept], traced.marks[kept], traced.ends)
+
     def _branch(self, traced: Traced) -> DiagramBranch:
         way, path = self.way, traced.path
         facts = np.empty((len(path), FACT_COLUMNS))
@@ -223,7 +239,7 @@ class _Search:
         return DiagramBranch(
             way,
             path[:, :-1].copy(),
-            np.clip(path[:, -1] / way.length, 0.0, 1.0),
+            path[:, -1] / way.length,
             traced.tangents,
             facts[:, ENERGY] * way.mechanism.units.energy,
             indices,
@@ -240,7 +256,7 @@ class _Search:
         if is_within.all():
             yield branch, list(range(len(branch)))
             return
-        order = np.arange(len(branch))
+        order: Integers = np.arange(len(branch), dtype=np.int64)
         if branch.ends[1] is CurveEnd.CLOSED:  # begins anew outside
             outside = int(np.argmin(is_within))
             order = np.append(np.roll(order[:-1], -outside), outside)
@@ -249,7 +265,7 @@ class _Search:
             if len(run):
                 yield self._cut(branch, order, int(run[0]), int(run[-1]))
 
-    def _cut(self, branch: DiagramBranch, order: Array, first: int, last: int) -> tuple[DiagramBranch, list[int]]:
+    def _cut(self, branch: DiagramBranch, order: Integers, first: int, last: int) -> tuple[DiagramBranch, list[int]]:
         """Return the vertices from `first` to `last` in an order, with the points at the largest load beyond them."""
         vertices = order[first : last + 1].tolist()
         path = [_unknowns(branch, k) for k in vertices]

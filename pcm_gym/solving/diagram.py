@@ -22,6 +22,8 @@ from pcm_gym.solving.singular_curve import CurveEnd
 # A load of this size, in EI / L^2, counts as much along a way as an input of 1.
 _LOAD_UNIT = 10.0
 _TURN = 2.0 * np.pi
+# Keeps the ratio of a vanishing chord and its tangents finite.
+_LEAST_SPEED = 1e-12
 
 
 class SpecialKind(StrEnum):
@@ -186,7 +188,8 @@ class DiagramBranch:
         parameter = fraction * way.length
         ends = np.column_stack([self.states[k : k + 2], way.length * self.fractions[k : k + 2]])
         chord = ends[1] - ends[0]
-        arc = float(np.linalg.norm(chord) / max(np.linalg.norm(self.tangents[k : k + 2].mean(axis=0)), 1e-12))
+        speed = float(np.linalg.norm(self.tangents[k : k + 2].mean(axis=0)))
+        arc = float(np.linalg.norm(chord)) / max(speed, _LEAST_SPEED)
         first, last = arc * self.tangents[k], arc * self.tangents[k + 1]
         # cubic in the part u of the arc: c0 + c1 u + c2 u^2 + c3 u^3
         cubic = np.array([ends[0], first, 3.0 * chord - 2.0 * first - last, first + last - 2.0 * chord])
@@ -248,8 +251,8 @@ class Slice(NamedTuple):
     ----------
     fraction : float
         Part of the way.
-    count : int
-        Isolated equilibria there.
+    found : int
+        How many isolated equilibria there are.
     is_proved : bool
         Whether that is proved to be all of them.
     unfollowed : tuple of Equilibrium
@@ -257,7 +260,7 @@ class Slice(NamedTuple):
     """
 
     fraction: float
-    count: int
+    found: int
     is_proved: bool
     unfollowed: tuple[Equilibrium, ...]
 

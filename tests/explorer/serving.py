@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 import pcm_gym
 from pcm_gym.explorer.server import serve_explorer
@@ -92,5 +93,5 @@ def served(name: str) -> Iterator[Served]:
 @contextmanager
 def browser(explorer: Served) -> Iterator[Browser]:
     address = f"ws://{explorer.host}/socket"
-    with connect(address, origin=f"http://{explorer.host}", max_size=None) as socket:  # type: ignore[arg-type]
+    with connect(address, origin=Origin(f"http://{explorer.host}"), max_size=None) as socket:
         yield Browser(socket)

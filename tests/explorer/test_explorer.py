@@ -249,7 +249,7 @@ def test_of_many_drags_that_wait_the_last_is_answered(page: Browser) -> None:
     x, y = chosen(page.greeting["state"])["pose"]
     for number in range(1, 41):
         page.socket.send(json.dumps({"kind": "drag", "id": number, "place": [x + 0.001 * number, y]}))
-    answered = []
+    answered: list[int] = []
     while not answered or answered[-1] < 40:
         state = page.receive()
         answered.append(state["answers"])

@@ -64,6 +64,7 @@ def shooting_unknowns(equilibrium: pcm_gym.Equilibrium) -> Array:
     return np.array(unknowns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ways())
 def test_special_points_agree_with_shooting(name: str) -> None:
     own = diagram(name)
@@ -71,7 +72,10 @@ def test_special_points_agree_with_shooting(name: str) -> None:
     assert own.points
     for point in own.points:
         guess = shooting_unknowns(point.equilibrium)
-        assert np.abs(residual(rods, guess[None] + 0j, np.array([point.fraction]))).max() < 1e-6
+        assert (
+            np.abs(residual(rods, guess[None].astype(np.complex128), np.array([point.fraction], np.complex128))).max()
+            < 1e-6
+        )
         fraction, unknowns, size = singular_place(rods, guess * (1.0 + 1e-4), point.fraction + 1e-4)
         assert size < 1e-8
         assert fraction == pytest.approx(point.fraction, abs=1e-8)
@@ -148,7 +152,7 @@ def test_slices_are_proved_where_that_is_asked_for() -> None:
     mechanism, along = ways()["inputs"]
     own = pcm_gym.bifurcation_diagram(pcm_gym.get_mechanism(mechanism), along, 6.0, slices=3, certify=True)
     assert all(each.is_proved for each in own.slices)
-    assert [each.count for each in own.slices] == [len(own.at(each.fraction)) for each in own.slices]
+    assert [each.found for each in own.slices] == [len(own.at(each.fraction)) for each in own.slices]
 
 
 def test_a_platform_has_a_diagram() -> None:

@@ -80,7 +80,7 @@ class _Curve(NamedTuple):
     direction: Array  # (size + m,): of a projection, whose sign is watched
     normal: Array  # (legs,): normal of the projected curve at the last point
     trial_normal: Array
-    index: Integers  # (1,): Morse index at the last point of a way
+    morse_index: Integers  # (1,): at the last point of a way
 
 
 @kernel
@@ -99,7 +99,7 @@ def _make_curve(legs: Array, problem: Problem) -> _Curve:
 @kernel
 def _is_way(problem: Problem) -> bool:
     """Return whether the curve is of all equilibria along one way; what its parameter does is watched, too."""
-    return problem.parameters.input_rates.shape[0] == 1
+    return bool(problem.parameters.input_rates.shape[0] == 1)
 
 
 @kernel
@@ -112,7 +112,7 @@ def _go_on(legs: Array, y: Array, tangent: Array, curve: _Curve) -> None:
     if curve.problem.is_singular:
         set_normal(legs, y, curve.problem.kind, curve.work, curve.normal)
     elif _is_way(curve.problem):
-        curve.index[0] = assess_stability(legs, t.x, curve.work).morse_index
+        curve.morse_index[0] = assess_stability(legs, t.x, curve.work).morse_index
 
 
 @kernel
@@ -258,10 +258,10 @@ def _sees_folds(legs: Array, arc: float, curve: _Curve) -> bool:
     two folds would be near.
     """
     t = curve.tracer
-    jump = abs(assess_stability(legs, t.trial_x, curve.work).morse_index - curve.index[0])
+    jump = abs(assess_stability(legs, t.trial_x, curve.work).morse_index - curve.morse_index[0])
     first, last = t.tangent[-1], t.trial_tangent[-1]
     if first * last < 0.0:
-        return jump == 1
+        return bool(jump == 1)
     if jump > 1:
         return False
     rise = (t.trial[-1] - t.y[-1]) / arc
@@ -270,7 +270,7 @@ def _sees_folds(legs: Array, arc: float, curve: _Curve) -> bool:
     if not 0.0 < place < 1.0:
         return True
     least = (first + place * (linear + place * squared)) * math.copysign(1.0, first + last)
-    return least > _RULES.least_slowdown * min(abs(first), abs(last))
+    return bool(least > _RULES.least_slowdown * min(abs(first), abs(last)))
 
 
 @kernel
@@ -305,9 +305,8 @@ def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Cu
 def _mark_step(legs: Array, arc: float, value: float, curve: _Curve) -> tuple[bool, float]:
     """Move to the singular state of a line, or to the cusp, within the step of `arc`; return whether there is one.
 
-    On a way the singularity may also be zero without a change of sign: where a branch turns round at a branch point.
-
-    `value` is the singularity before the step, the second result that at its end.
+    `value` is the singularity before the step, the second result that at its end. On a way it may also be zero without a
+    change of sign: where a branch turns round at a branch point.
     """
     t, direction, problem = curve.tracer, curve.direction, curve.problem
     if not problem.is_singular:
