@@ -231,7 +231,7 @@ class _Search:
         for first, last in parts(len(path), _POINTS_AT_ONCE):
             describe_way(way.mechanism.leg_table, path[first:last], self.problem, facts[first:last])
         indices = facts[:, MORSE_INDEX].astype(np.int64)
-        for k in np.flatnonzero(traced.marks):  # where rounding decides
+        for k in np.flatnonzero(traced.marks).tolist():  # where rounding decides
             indices[k] = indices[max(k - 1, 0)]
         marks = traced.marks.copy()
         marks[1:] |= (np.diff(indices) != 0) & ~marks[:-1]  # where what changed the index could not be met

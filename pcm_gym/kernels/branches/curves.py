@@ -305,8 +305,8 @@ def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Cu
 def _mark_step(legs: Array, arc: float, value: float, curve: _Curve) -> tuple[bool, float]:
     """Move to the singular state of a line, or to the cusp, within the step of `arc`; return whether there is one.
 
-    `value` is the singularity before the step, the second result that at its end. On a way it may also be zero without a
-    change of sign: where a branch turns round at a branch point.
+    `value` is the singularity before the step, the second result that at its end. On a way it may also be zero without
+    a change of sign: where a branch turns round at a branch point.
     """
     t, direction, problem = curve.tracer, curve.direction, curve.problem
     if not problem.is_singular:
