@@ -188,8 +188,8 @@ class Session:
         units = self._mechanism.units
         jacobian = here.forward_jacobian / units.jacobian
         gap = units.kernel_from_pose(goal - here.pose)
-        damped = jacobian @ jacobian.T + _DAMPING**2 * np.eye(len(gap))
-        change = jacobian.T @ np.linalg.solve(damped, gap)
+        left, values, right = np.linalg.svd(jacobian)  # very large near a fold
+        change = right.T @ (left.T @ gap * (values / (values**2 + _DAMPING**2)))
         change *= min(1.0, _LONGEST / max(float(np.abs(change).max()), 1e-12))
         return units.inputs_from_kernel(change)
 

@@ -27,7 +27,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain(own) for key, own in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        return value.tolist() if np.isfinite(value).all() else plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(own) for own in value]
     if isinstance(value, float):

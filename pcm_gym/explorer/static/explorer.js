@@ -47,6 +47,8 @@ const take = {
     fill(by("names"), content.names, content.names.includes(own.mechanism.name) ? own.mechanism.name : "");
     makeSliders();
     makeChoices();
+    own.state = content.state;
+    drawFolds();
     take.state(content.state);
     drawDiagram();
     if (own.mechanism.dof === 2) ask("folds");
@@ -57,10 +59,13 @@ const take = {
     if (content.fall) { animate(content.fall); tell(`${content.message} ${content.fall.message}`); }
     else if (content.message) tell(content.message);
     else tell(`${content.equilibria.length} equilibria, ${content.equilibria.filter(each => each.is_stable).length} stable.`);
-    if (load && load.some((value, n) => value !== content.load[n]) && own.folds) own.folds.stale = true;
+    if (load && load.some((value, n) => value !== content.load[n]) && own.folds && !own.folds.stale) {
+      own.folds.stale = true;
+      drawFolds();
+    }
     draw();
   },
-  folds(content) { if (content.name === own.mechanism.name) { own.folds = content; drawFolds(); } },
+  folds(content) { if (content.name === own.mechanism.name) { own.folds = content; drawFolds(); draw(); } },
   diagram(content) { own.diagram = content; drawDiagram(); tell(`${content.branches.length} branches, ${content.points.length} special points.`); },
   refused(content) {
     if (content.answers === null) waiting.busy = false;
@@ -111,7 +116,7 @@ function makeChoices() {
 
 function draw() {
   drawScene();
-  drawFolds();
+  markFolds();
   markDiagram();
   drawTable();
   const there = chosen(), margin = there.singularity_margin ?? 0;
@@ -133,8 +138,7 @@ function drawScene() {
     if (leg.rail) view.line(scene, leg.rail, COLOURS.metal, 5, { "stroke-linecap": "round" });
     else view.dot(scene, leg.base, 11, "#dfe4ea", COLOURS.metal);
   }
-  for (const curve of own.folds && !own.folds.stale ? own.folds.curves : [])
-    if (curve.is_limit) view.line(scene, curve.poses, COLOURS.limit, 1, { opacity: 0.35 });
+  if (own.limits) scene.append(own.limits);
   own.state.equilibria.forEach((each, n) => { if (n !== own.state.number) drawOne(view, each, n); });
   if (!own.falling) drawOne(view, chosen(), own.state.number, true);
 }
@@ -192,7 +196,18 @@ function drawFolds() {
       view.line(group, curve.inputs.map(([x, y]) => [x + shift[0], y + shift[1]]), curve.is_limit ? COLOURS.limit : COLOURS.other, curve.is_limit ? 2.5 : 1);
   } else add(svg, "text", { x: view.x((x0 + x1) / 2), y: view.y((y0 + y1) / 2), "text-anchor": "middle", fill: COLOURS.text },
     own.folds ? "The load has changed: draw the map." : own.mechanism.dof === 2 ? "Searching for folds …" : "Draw the map: it takes a while.");
-  view.dot(svg, own.state.inputs, 7, COLOURS.chosen);
+  own.map = { view, dot: view.dot(svg, own.state.inputs, 7, COLOURS.chosen) };
+  own.limits = null; // of stability, where they bring the end-effector: drawn once, they stay
+  if (own.folds && !own.folds.stale) {
+    const plane = new View(scene, own.mechanism.bounds, { equal: true });
+    own.limits = add(scene, "g", { opacity: 0.35 });
+    for (const curve of own.folds.curves) if (curve.is_limit) plane.line(own.limits, curve.poses, COLOURS.limit, 1);
+  }
+}
+function markFolds() {
+  const [x, y] = own.state.inputs, { view, dot } = own.map;
+  dot.setAttribute("cx", view.x(x));
+  dot.setAttribute("cy", view.y(y));
 }
 function shifts(periods) {
   const along = period => (period ? [-period, 0, period] : [0]);
