@@ -150,7 +150,9 @@ class Moves:
     greatest_stress : float
         Over the yield stress, in any state that was looked at: every other step of an agent.
     contacts : int
-        Moves with a forbidden crossing in any of these states.
+        Moves with a forbidden crossing in any of these states but a fold.
+    contacts_at_folds : int
+        Moves with one at the fold where they lose stability.
     on_roadmap : float
         Of the moves that arrive, the share that ends on the roadmap.
     """
@@ -160,6 +162,7 @@ class Moves:
     given_up: float
     greatest_stress: float
     contacts: int
+    contacts_at_folds: int
     on_roadmap: float
 
 
@@ -171,7 +174,7 @@ def random_moves(sheets: HomeSheets, states: States, generator: Generator) -> Mo
     parts = math.ceil(float(((upper - lower) / steps).max()) / _STEPS_BETWEEN)
     goals, start = mechanism.units.kernel_from_inputs(targets), states.inputs.copy()
     goes_on, was_lost = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-    stress, has_contact = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    stress, has_contact, folds_in_contact = np.zeros(count), np.zeros(count, dtype=np.bool_), 0
     for part in range(1, parts + 1):
         rows = np.flatnonzero(goes_on)
         own = States(*(array[rows] for array in states))
@@ -182,7 +185,8 @@ def random_moves(sheets: HomeSheets, states: States, generator: Generator) -> Mo
             array[rows] = values
         strength = Strength.of(mechanism, own.x, own.inputs)
         stress[rows] = np.maximum(stress[rows], strength.stress)
-        has_contact[rows] |= strength.has_contact
+        has_contact[rows] |= strength.has_contact & ~lost
+        folds_in_contact += int((strength.has_contact & lost).sum())
         goes_on[rows], was_lost[rows] = arrived, lost
     ends = np.flatnonzero(goes_on)
     return Moves(
@@ -191,6 +195,7 @@ def random_moves(sheets: HomeSheets, states: States, generator: Generator) -> Mo
         float((~goes_on & ~was_lost).mean()),
         float(stress.max()),
         int(has_contact.sum()),
+        folds_in_contact,
         float(sheets.has_node_at(states.x[ends], states.inputs[ends]).mean()),
     )
 

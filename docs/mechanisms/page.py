@@ -13,11 +13,11 @@ Written by `python -m docs.mechanisms`; `tests/mechanism/test_catalogue_evidence
 Each of these could be built: of strips of spring steel on edge, 1 m long, 20 mm x 0.5 mm, which yield at a curvature of
 20 per metre. Nowhere on the home sheets, all that stable ways from home reach within the limits, does a rod yield or
 cross what it must not: itself, and on a platform other rods and its edges. Nor is one ever drawn straight, where its
-tension would know no bounds: not on random straight moves from home, nor on those from where tasks start. Two rods of a
-point end-effector may cross, one above the other, and so may their rails. And each is worth controlling: random
-straight moves from home meet folds, and the home sheets cover inputs more than once, around cusps, so that the damped
-Jacobian, which heads straight for a goal, often ends at the wrong equilibrium or in a fall. `python -m benchmarks
-geometries` is the search.
+tension would know no bounds: not on random straight moves from home, nor on those from where tasks start. At a few
+folds, where a move ends because it loses stability, a rod touches itself. Two rods of a point end-effector may cross,
+one above the other, and so may their rails. And each is worth controlling: random straight moves from home meet folds,
+and the home sheets cover inputs more than once, around cusps, so that the damped Jacobian, which heads straight for a
+goal, often ends at the wrong equilibrium or in a fall. `python -m benchmarks geometries` is the search.
 
 `2RFR-paper`, `2PFR-paper` and `3PFR-paper` are the geometries of the [figures](../paper_figures.md): round wires, 1 mm
 in radius, which yield at 5 per metre.
@@ -56,6 +56,7 @@ def _row(evidence: Evidence) -> dict[str, str]:
         "end where a rod is drawn straight": f"{moves.given_up:.2%}, {ways.given_up:.2%}",
         "greatest stress on them": f"{moves.greatest_stress:.2f}, {ways.greatest_stress:.2f}",
         "moves with a forbidden crossing": f"{moves.contacts}, {ways.contacts}",
+        "with one at the very fold where they end": f"{moves.contacts_at_folds}, {ways.contacts_at_folds}",
         "inputs covered": f"{sheets.covered:.1%}",
         "of them more than once": f"{sheets.covered_again:.1%}",
         "span of the poses (m, m, rad)": ", ".join(f"{value:.2f}" for value in sheets.span),
