@@ -12,13 +12,13 @@ _HEAD = """\
 
 # Clients
 
-Lines that work, for libraries that step environments. Each block is a file of `docs/clients/examples`, which was run as it
-stands here: a short training, or a thousand steps at least. The versions are those of that run.
+Lines that work, for libraries that step environments. Each block is a file of `docs/clients/examples`, which was run as
+it stands here: a short training, or a thousand steps at least. The versions are those of that run.
 
 Three things hold for all of them.
 
-- Workers that are processes of their own know no environment before `import pcm_gym`. The id `"pcm_gym:PCM/2RFR-Reach-v0"`
-  imports it wherever it is used.
+- Workers that are processes of their own know no environment before `import pcm_gym`. The id
+  `"pcm_gym:PCM/2RFR-Reach-v0"` imports it wherever it is used.
 - The observation is a dict. Libraries that want one array take `gymnasium.wrappers.FlattenObservation`, or its sibling
   for batches in `gymnasium.wrappers.vector`.
 - `info["event"]` is a whole number, the number of a `pcm_gym.Event`, so that wrappers which make tensors of everything

@@ -46,7 +46,7 @@ CLIENTS: Mapping[str, Client] = {
     "gymnasium_vector": Client(
         "Gymnasium, batches",
         ("gymnasium",),
-        '`"sync"` and `"async"` are Gymnasium\'s, the native batch is this package\'s: equal results, far more of them.',
+        '`"sync"` and `"async"` are Gymnasium\'s, the native batch is this package\'s: equal results, far sooner.',
     ),
     "gymnasium_numpy_to_torch": Client(
         "Gymnasium, tensors",
@@ -60,7 +60,7 @@ CLIENTS: Mapping[str, Client] = {
         "The steps are so cheap that processes seldom pay; a native batch does, see `agents` in a checkout.",
     ),
     "sb3_hindsight": Client("Stable-Baselines3, hindsight", ("stable-baselines3", "gymnasium", "torch")),
-    "sb3_contrib": Client("sb3-contrib", ("sb3-contrib", "stable-baselines3", "gymnasium", "torch")),
+    "sb3_contrib_tqc": Client("sb3-contrib", ("sb3-contrib", "stable-baselines3", "gymnasium", "torch")),
     "cleanrl_style": Client(
         "CleanRL style", ("gymnasium", "torch"), "A whole learner in one file, for reading and changing."
     ),

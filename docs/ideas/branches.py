@@ -7,12 +7,12 @@ from matplotlib.lines import Line2D
 from docs.figures import style
 from docs.figures.drawing import draw_equilibrium
 from docs.ideas import line
-from pcm_gym import Equilibrium
 
 # Where the shapes at the left are shown, degrees.
 PLACE = 150.0
 _DOT = 2.0
-_WORDS = ("stable", "index 1", "index 2 and more")
+# By index.
+_COLOURS, _WORDS = (style.STABLE, style.UNSTABLE, style.METAL_LIGHT), ("stable", "index 1", "index 2 and more")
 
 
 def draw(places: int = 261) -> Figure:
@@ -25,16 +25,14 @@ def draw(places: int = 261) -> Figure:
     shapes.set_title(f"all equilibria, motor 2 at {PLACE:.0f}°")
     for degrees in np.linspace(line.FIRST, line.LAST, places).tolist():
         for own in line.all_at(degrees):
-            heights.plot(degrees, own.pose[1], ".", color=_colour(own), markersize=_DOT, zorder=4 - min(own.index, 2))
+            rank = min(own.index, 2)
+            heights.plot(degrees, own.pose[1], ".", color=_COLOURS[rank], markersize=_DOT, zorder=4 - rank)
     heights.axvline(PLACE, color=style.ACCENT, linewidth=0.8)
     heights.set(xlabel="motor 2 (°)", ylabel="height of the end-effector (m)", ylim=(-0.9, 1.2))
     heights.set_title("along a line of inputs")
-    heights.legend(handles=[*map(_key, (style.STABLE, style.UNSTABLE, style.METAL_LIGHT), _WORDS)], loc="upper left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    keys = [_key(*each) for each in zip(_COLOURS, _WORDS, strict=True)]
+    heights.legend(handles=keys, loc="upper left", ncols=3)
     return figure
-
-
-def _colour(own: Equilibrium) -> str:
-    return style.STABLE if own.is_stable else style.UNSTABLE if own.index == 1 else style.METAL_LIGHT
 
 
 def _key(colour: str, label: str) -> Line2D:

@@ -1,1 +1,1 @@
-"""What the site needs beside Sphinx and its extensions: `links` leads links of the repository's pages within the site."""
+"""What the site needs beside Sphinx and its extensions: `links` leads the repository's links within the site."""

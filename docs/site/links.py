@@ -1,7 +1,7 @@
 """An extension of Sphinx: pages that are read in the repository, too, link to its files; on the site these links hold.
 
-A link to a page of the site stays, or leads to where that page is; of a link to any other file the text is left, with the
-file's name. Pictures that are links, which the repository's pages write as HTML, become Markdown.
+A link to a page of the site stays, or leads to where that page is; of a link to any other file the text is left, with
+the file's name. Pictures that are links, which the repository's pages write as HTML, become Markdown.
 """
 
 import os
@@ -21,7 +21,9 @@ PAGES = {
 }
 
 _FENCE = re.compile(r"(^```.*?^```$)", flags=re.DOTALL | re.MULTILINE)
-_LINK = re.compile(r"(?<!!)\[(?P<text>(?:[^\[\]]|!\[[^\]]*\]\([^)]*\))*)\]\((?P<path>[^()\s#:]+)(?P<anchor>#[^()\s]*)?\)")
+_LINK = re.compile(
+    r"(?<!!)\[(?P<text>(?:[^\[\]]|!\[[^\]]*\]\([^)]*\))*)\]\((?P<path>[^()\s#:]+)(?P<anchor>#[^()\s]*)?\)"
+)
 _PICTURE = re.compile(
     r'<a href="(?P<page>[^"]+)"><img src="(?P<image>[^"]+)" width="(?P<width>\d+)" alt="(?P<text>[^"]*)"></a>'
 )
@@ -44,8 +46,12 @@ def within_site(text: str, file: str, page: str) -> str:
     file, page : str
         The file that it stands in, from which its links count, and the page that shows it: paths in the repository.
     """
+
+    def shown(part: str) -> str:
+        return _relinked(_PICTURE.sub(_picture, part), PurePosixPath(file), PurePosixPath(page))
+
     parts = _FENCE.split(text)
-    parts[::2] = [_relinked(_PICTURE.sub(_picture, part), PurePosixPath(file), PurePosixPath(page)) for part in parts[::2]]
+    parts[::2] = map(shown, parts[::2])
     return "".join(parts)
 
 

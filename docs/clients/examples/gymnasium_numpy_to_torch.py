@@ -8,17 +8,17 @@ from gymnasium.wrappers.vector import NumpyToTorch as VectorNumpyToTorch
 
 def main() -> int:
     env = NumpyToTorch(gymnasium.make("pcm_gym:PCM/2RFR-Reach-v0"))
-    observation, info = env.reset(seed=0)
+    observation, _ = env.reset(seed=0)
     assert isinstance(observation["observation"], torch.Tensor)
     env.step(torch.zeros(2))
 
     envs = VectorNumpyToTorch(
         gymnasium.make_vec("pcm_gym:PCM/2RFR-Reach-v0", 64, vectorization_mode="vector_entry_point")
     )
-    observation, info = envs.reset(seed=0)
+    envs.reset(seed=0)
     for _ in range(20):
         actions = 2.0 * torch.rand(64, 2) - 1.0
-        observation, reward, terminated, truncated, info = envs.step(actions)
+        observation, reward, *_ = envs.step(actions)
     assert isinstance(reward, torch.Tensor)
     return 1 + 20 * 64
 
