@@ -28,7 +28,7 @@ def main(
         except RuntimeError as error:
             runs.pop(name, None)
             console.print(str(error), style="red", highlight=False, markup=False)
-    write_record(runs)
+        write_record(runs)
     PAGE.write_text(page(read_record()), encoding="utf-8")
     console.print(f"Page written to {PAGE}", highlight=False)
 

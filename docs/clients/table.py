@@ -69,7 +69,11 @@ CLIENTS: Mapping[str, Client] = {
         ("minari", "gymnasium", "h5py"),
         "Any policy will do in the planner's place: a reference, a policy that was trained, chance.",
     ),
-    "torchrl_single": Client("TorchRL, one environment", ("torchrl", "tensordict", "gymnasium", "torch")),
+    "torchrl_single": Client(
+        "TorchRL, one environment",
+        ("torchrl", "tensordict", "gymnasium", "torch"),
+        "`GymEnv` adds an argument `frameskip`, which no environment here takes; `GymWrapper` adds nothing.",
+    ),
     "torchrl_batched": Client("TorchRL, a native batch", ("torchrl", "tensordict", "gymnasium", "torch")),
     "tianshou_collect": Client("Tianshou", ("tianshou", "gymnasium", "torch")),
     "rllib_ppo": Client("RLlib", ("ray", "gymnasium", "torch")),

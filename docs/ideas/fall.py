@@ -44,7 +44,5 @@ def end_of_branch() -> TrackedStep:
 def _way(ended: TrackedStep) -> list[Equilibrium]:
     """Return equilibria of the branch from the place where the shapes are shown to its end."""
     target = ended.equilibrium
-    tracker, found = BranchTracker(line.mechanism(), target), []
-    for part in np.linspace(0.02, 1.0, _SHAPES):
-        found.append(tracker.step(target.inputs + part * (np.array(line.inputs_at(PLACE)) - target.inputs)).equilibrium)
-    return found
+    tracker, back = BranchTracker(line.mechanism(), target), np.array(line.inputs_at(PLACE)) - target.inputs
+    return [tracker.step(target.inputs + part * back).equilibrium for part in np.linspace(0.02, 1.0, _SHAPES)]

@@ -11,10 +11,8 @@ def main() -> int:
         return gymnasium.wrappers.FlattenObservation(gymnasium.make("pcm_gym:PCM/2RFR-Reach-v0"))
 
     envs = DummyVectorEnv([make] * 4)
-    policy = RandomPolicy(action_space=envs.action_space[0])
-    collector = Collector(policy, envs, VectorReplayBuffer(2000, 4))
-    collector.reset()
-    return collector.collect(n_step=1000).n_collected_steps
+    collector = Collector(RandomPolicy(), envs, VectorReplayBuffer(2000, 4))
+    return collector.collect(n_step=1000, random=True)["n/st"]
 
 
 if __name__ == "__main__":

@@ -1,11 +1,17 @@
-"""TorchRL, a native batch: the wrapper takes environments of Gymnasium, batches too."""
+"""TorchRL, a native batch. TorchRL wants episodes to begin anew in the step in which the last one ends."""
 
 import gymnasium
+from gymnasium.vector import AutoresetMode
 from torchrl.envs import GymWrapper
 
 
 def main() -> int:
-    envs = gymnasium.make_vec("pcm_gym:PCM/2RFR-Reach-v0", num_envs=64, vectorization_mode="vector_entry_point")
+    envs = gymnasium.make_vec(
+        "pcm_gym:PCM/2RFR-Reach-v0",
+        num_envs=64,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
     env = GymWrapper(envs, device="cpu")
     rollout = env.rollout(20, break_when_any_done=False)
     return rollout.numel()
