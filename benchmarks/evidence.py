@@ -25,6 +25,7 @@ from pcm_gym.kernels.structure.strength import set_strengths
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.references import new_reference
 from pcm_gym.solving import Equilibrium, Roadmap
+from pcm_gym.tasks.scene import Scene
 
 # Steps of an agent in an episode of Reach, as registered, and episodes side by side.
 _TIME_LIMIT, _ROWS = 100, 128
@@ -56,23 +57,30 @@ class HomeSheets:
 
     Attributes
     ----------
-    home : Equilibrium
-    roadmap : Roadmap
+    scene : Scene
     strength : Strength
-        Of its nodes.
+        Of the nodes of its roadmap.
     """
 
-    home: Equilibrium
-    roadmap: Roadmap
+    scene: Scene
     strength: Strength
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> "HomeSheets":
         """Chart the home sheets of a mechanism without a load."""
         scene = Settings.from_arguments(mechanism, {}).scenes()[0]
-        roadmap = scene.roadmap
-        inputs = mechanism.units.kernel_from_inputs(roadmap.inputs)
-        return cls(scene.home, roadmap, Strength.of(mechanism, roadmap.states, inputs))
+        nodes = scene.at_nodes(np.arange(len(scene.roadmap)))
+        return cls(scene, Strength.of(mechanism, nodes.x, nodes.inputs))
+
+    @property
+    def home(self) -> Equilibrium:
+        """The home equilibrium."""
+        return self.scene.home
+
+    @property
+    def roadmap(self) -> Roadmap:
+        """What the tasks draw from."""
+        return self.scene.roadmap
 
     @property
     def layers(self) -> Integers:
@@ -98,7 +106,16 @@ class HomeSheets:
     @property
     def span(self) -> Array:
         """Extent of the poses along each coordinate, (d,), in m and rad."""
-        return np.ptp(self.poses, axis=0)
+        span: Array = np.ptp(self.poses, axis=0)
+        return span
+
+    def at_home(self, count: int) -> States:
+        """Return home so many times."""
+        return self.scene.at_equilibrium(self.home, count)
+
+    def starts(self, count: int, generator: Generator) -> States:
+        """Return so many random states of the home sheets, drawn as tasks draw their starts."""
+        return self.scene.starts(generator.random((count, 1 + self.roadmap.mechanism.leg_count)))
 
     def has_node_at(self, x: Array, inputs: Array) -> Mask:
         """Return which states (n, size) at inputs (n, legs), both dimensionless, lead to a node of their cell."""
@@ -106,8 +123,7 @@ class HomeSheets:
         cells = roadmap.raster.cells_of(mechanism.units.inputs_from_kernel(inputs))
         first = np.searchsorted(cells_sorted := np.sort(roadmap.cells), cells)
         order, last = np.argsort(roadmap.cells, kind="stable"), np.searchsorted(cells_sorted, cells, side="right")
-        states = _copies(self.home, len(x))
-        states.x[:], states.inputs[:] = x, inputs
+        states = self.scene.states(x, inputs)
         # the middle of a cell without a node is nowhere to go to
         middles = mechanism.units.kernel_from_inputs(roadmap.inputs[order[np.minimum(first, len(order) - 1)]])
         move_rows(mechanism.leg_table, states, np.where((last > first)[:, None], middles, inputs), TERMINATE)
@@ -122,7 +138,7 @@ class HomeSheets:
 
 @dataclass(frozen=True)
 class Moves:
-    """What random straight moves met: from home to inputs that are anywhere within the limits.
+    """What random straight moves met, to inputs that are anywhere within the limits.
 
     Attributes
     ----------
@@ -130,11 +146,13 @@ class Moves:
     lost : float
         Share that loses stability.
     given_up : float
-        Share that ends elsewhere: beyond what the rods can reach.
+        Share that ends elsewhere: where rods are drawn straight, beyond what they can reach.
     greatest_stress : float
         Over the yield stress, in any state that was looked at: every other step of an agent.
     contacts : int
-        Moves with a forbidden crossing in any of these states.
+        Moves with a forbidden crossing in any of these states but a fold.
+    contacts_at_folds : int
+        Moves with one at the fold where they lose stability.
     on_roadmap : float
         Of the moves that arrive, the share that ends on the roadmap.
     """
@@ -144,19 +162,19 @@ class Moves:
     given_up: float
     greatest_stress: float
     contacts: int
+    contacts_at_folds: int
     on_roadmap: float
 
 
-def random_moves(sheets: HomeSheets, count: int, generator: Generator) -> Moves:
-    """Make so many random straight moves from home."""
-    mechanism, steps = sheets.roadmap.mechanism, sheets.roadmap.raster.pitch
+def random_moves(sheets: HomeSheets, states: States, generator: Generator) -> Moves:
+    """Make a random straight move from each of some states of the home sheets, (n, ...), in place."""
+    mechanism, steps, count = sheets.roadmap.mechanism, sheets.roadmap.raster.pitch, len(states.x)
     lower, upper = mechanism.lower_limits, mechanism.upper_limits
     targets = generator.uniform(lower, upper, (count, mechanism.leg_count))
     parts = math.ceil(float(((upper - lower) / steps).max()) / _STEPS_BETWEEN)
-    units, states = mechanism.units, _copies(sheets.home, count)
-    goals, start = units.kernel_from_inputs(targets), states.inputs.copy()
+    goals, start = mechanism.units.kernel_from_inputs(targets), states.inputs.copy()
     goes_on, was_lost = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-    stress, has_contact = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    stress, has_contact, folds_in_contact = np.zeros(count), np.zeros(count, dtype=np.bool_), 0
     for part in range(1, parts + 1):
         rows = np.flatnonzero(goes_on)
         own = States(*(array[rows] for array in states))
@@ -167,7 +185,8 @@ def random_moves(sheets: HomeSheets, count: int, generator: Generator) -> Moves:
             array[rows] = values
         strength = Strength.of(mechanism, own.x, own.inputs)
         stress[rows] = np.maximum(stress[rows], strength.stress)
-        has_contact[rows] |= strength.has_contact
+        has_contact[rows] |= strength.has_contact & ~lost
+        folds_in_contact += int((strength.has_contact & lost).sum())
         goes_on[rows], was_lost[rows] = arrived, lost
     ends = np.flatnonzero(goes_on)
     return Moves(
@@ -176,6 +195,7 @@ def random_moves(sheets: HomeSheets, count: int, generator: Generator) -> Moves:
         float((~goes_on & ~was_lost).mean()),
         float(stress.max()),
         int(has_contact.sum()),
+        folds_in_contact,
         float(sheets.has_node_at(states.x[ends], states.inputs[ends]).mean()),
     )
 
@@ -215,20 +235,30 @@ def reach_anywhere(mechanism: Mechanism, reference: str, count: int) -> Episodes
 
 @dataclass(frozen=True)
 class Evidence:
-    """All of it for one mechanism."""
+    """All of it for one mechanism.
+
+    Attributes
+    ----------
+    sheets : HomeSheets
+    moves, ways : Moves
+        From home, and from random states of the home sheets.
+    random, resolved_rate : Episodes
+    """
 
     sheets: HomeSheets
     moves: Moves
+    ways: Moves
     random: Episodes
     resolved_rate: Episodes
 
     @classmethod
     def of(cls, mechanism: Mechanism, moves: int, episodes: int, seed: int = 0) -> "Evidence":
-        """Gather it: from so many random moves, and episodes of each of the two references."""
-        sheets = HomeSheets.of(mechanism)
+        """Gather it: from so many random moves of each kind, and episodes of each of the two references."""
+        sheets, generator = HomeSheets.of(mechanism), np.random.default_rng(seed)
         return cls(
             sheets,
-            random_moves(sheets, moves, np.random.default_rng(seed)),
+            random_moves(sheets, sheets.at_home(moves), generator),
+            random_moves(sheets, sheets.starts(moves, generator), generator),
             reach_anywhere(mechanism, "random", episodes),
             reach_anywhere(mechanism, "resolved rate", episodes),
         )
@@ -236,14 +266,18 @@ class Evidence:
     @property
     def failings(self) -> tuple[str, ...]:
         """What is asked of a catalogued mechanism and does not hold, in words; empty where all does."""
-        sheets, moves = self.sheets, self.moves
+        sheets, lost, safe = self.sheets, self.moves.lost, self.resolved_rate.safe
+        everywhere = self.moves, self.ways
+        stress = max(float(sheets.strength.stress.max()), *(own.greatest_stress for own in everywhere))
+        has_contact = bool(sheets.strength.has_contact.any()) or any(own.contacts > 0 for own in everywhere)
         demands = {
-            "a rod yields": max(moves.greatest_stress, float(sheets.strength.stress.max())) >= 1.0,
-            "a rod crosses what it must not": moves.contacts > 0 or bool(sheets.strength.has_contact.any()),
-            f"{moves.lost:.1%} of the random moves lose stability, not 10 to 40 %": not 0.1 <= moves.lost <= 0.4,
+            "a rod yields": stress >= 1.0,
+            "a rod crosses what it must not": has_contact,
+            "a rod is drawn straight": any(own.given_up > 0.0 for own in everywhere),
+            f"{lost:.1%} of the random moves lose stability, not 10 to 40 %": not 0.1 <= lost <= 0.4,
             "no inputs are covered twice": sheets.covered_again == 0.0,
-            f"the damped Jacobian succeeds in {self.resolved_rate.safe:.1%}, more than 60 %": self.resolved_rate.safe
-            > 0.6,
+            f"the damped Jacobian succeeds in {safe:.1%}, more than 60 %": safe > 0.6,
+            f"random actions succeed in {self.random.safe:.1%}, more than 5 %": self.random.safe > 0.05,
             "the workspace spans less than half a rod": bool((sheets.span[:2] < 0.5 * _rod_length(sheets)).any()),
         }
         return tuple(words for words, fails in demands.items() if fails)
@@ -251,7 +285,3 @@ class Evidence:
 
 def _rod_length(sheets: HomeSheets) -> float:
     return float(np.mean([leg.rod.length for leg in sheets.roadmap.mechanism.legs]))
-
-
-def _copies(equilibrium: Equilibrium, count: int) -> States:
-    return States(*(np.tile(values, (count, 1)) for values in equilibrium.kernel_values()))

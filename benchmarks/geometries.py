@@ -94,7 +94,7 @@ FAMILIES = {
     # half the distance of the rails, how far they lean outwards, and the clamps inwards
     "2PFR": Family(_pair_of_rails, (0.03, -0.3, -0.6), (0.6, 2.2, 2.4), 0.05, 16, (1, 1)),
     # circle of the hinges, how far outside the bases are, turns of the clamps from inwards, of the rails from tangents
-    "3PFR": Family(_platform, (0.25, 0.75, 0.0, -_UP), (0.85, 0.975, 0.6, _UP), 0.1, 8, (1, 1, 1)),
+    "3PFR": Family(_platform, (0.25, 0.7, 0.0, -_UP), (0.85, 0.975, 0.6, _UP), 0.1, 8, (1, 1, 1)),
 }
 
 
@@ -108,7 +108,7 @@ class Chart:
 
     def within(self, least: int, most: int, signs: Integers) -> tuple[float, float, bool]:
         """Return covered share of the inputs within limits, that covered again, and whether a bad state is reached."""
-        inside = ((self.offsets * signs >= -least) & (self.offsets * signs <= most)).all(axis=1)
+        inside = np.asarray(((self.offsets * signs >= -least) & (self.offsets * signs <= most)).all(axis=1))
         ways, count = self.ways[inside[self.ways].all(axis=1)], len(inside)
         graph = sparse.csr_array((np.ones(len(ways)), (ways[:, 0], ways[:, 1])), shape=(count, count))
         _, labels = csgraph.connected_components(graph, directed=False)
@@ -159,7 +159,7 @@ def chart_around(home: Equilibrium, pitch: float, reach: int) -> Chart:
 
 def _homes(mechanism: Mechanism) -> Iterator[Equilibrium]:
     """Yield stable equilibria at the centre that a rod endures easily."""
-    for found in solve_forward(mechanism, mechanism.home_inputs, rho_max=_RHO_MAX).stable:
+    for found in solve_forward(mechanism, mechanism.home_inputs or (), rho_max=_RHO_MAX).stable:
         off = found.pose[: mechanism.dof - 1]
         state, inputs, _ = found.kernel_values()
         strength = Strength.of(mechanism, state[None], inputs[None])

@@ -37,7 +37,7 @@ def _follow() -> None:
     mechanism = pcm_gym.get_mechanism("2RFR")
     home = pcm_gym.home_equilibrium(mechanism)
     pcm_gym.nearest_fold(home, 0.1)
-    fold = pcm_gym.BranchTracker(mechanism, home).step(home.inputs + 2.5)
+    fold = pcm_gym.BranchTracker(mechanism, home).step((0.3, 6.0))
     pcm_gym.snap(fold.equilibrium)
     pcm_gym.critical_load(home)
     pcm_gym.plan_motion(home, {"inputs": home.inputs + 0.1})

@@ -68,13 +68,15 @@ def episode_starts(
             continue
         scene = _scene_for(nominal, options)
         own = [generators[member] for member in members.tolist()]
-        if settings.task.has_split and scene.origin is None and goal is None:
-            states, goals, witness, falls = _drawn_of_split(settings, scene, own, threads)
+        if scene.origin is not None and goal is not None:
+            drawn = _asked(settings, scene, len(own))
+        elif settings.task.has_split and scene.origin is None and goal is None:
+            drawn = _drawn_of_split(settings, scene, own, threads)
         else:
-            states, goals, witness, falls = _drawn(settings, scene, own, threads)
+            drawn = _drawn(settings, scene, own, threads)
         if goal is not None:
-            goals, witness, falls = _filled(goals, goal[0]), _filled(witness, goal[1]), np.zeros_like(falls)
-        yield EpisodeStarts(members, number, states, goals, witness, falls)
+            drawn = _with_goal(drawn, *goal)
+        yield EpisodeStarts(members, number, *drawn)
 
 
 class _Drawn(NamedTuple):
@@ -107,6 +109,26 @@ def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: in
     _check_drawn(settings, drawn, len(generators))
     made = _as_drawn(drawn)
     return made if unstable is None else made._replace(states=scene.at_equilibrium(unstable, len(generators)))
+
+
+def _asked(settings: Settings, scene: Scene, count: int) -> _Drawn:
+    """Return episodes from the scene's origin, whose goal is still to come: nothing is drawn."""
+    scene.check_seed()
+    origin, (mechanism, task) = scene.origin, (settings.mechanism, settings.task)
+    assert origin is not None
+    goals, witness = (count, task.period, task.goals.size), (count, mechanism.leg_count + mechanism.state_size)
+    return _Drawn(
+        scene.at_equilibrium(origin, count), np.empty(goals), np.empty(witness), np.zeros(count, dtype=np.int64)
+    )
+
+
+def _with_goal(drawn: _Drawn, goal: Array, witness: Array) -> _Drawn:
+    """Return the same episodes with one goal (g,), and its witness, all the way."""
+    return drawn._replace(
+        goals=np.tile(goal, (*drawn.goals.shape[:-1], 1)),
+        witness=np.tile(witness, (len(drawn.witness), 1)),
+        fewest_falls=np.zeros_like(drawn.fewest_falls),
+    )
 
 
 def _as_drawn(drawn: Episodes) -> _Drawn:
@@ -172,11 +194,6 @@ def _scene_for(scene: Scene, options: Mapping[str, Any]) -> Scene:
     start = scene.home if start is None else reached(start, start.inputs, load, "load")
     inputs = scene.mechanism.check_inputs(options["inputs"]) if "inputs" in options else start.inputs
     return replace(scene, origin=reached(start, inputs, load, "inputs"))
-
-
-def _filled(array: Array, values: Array) -> Array:
-    """Return an array of the shape of another one, with the same values (k,) all over its last axis."""
-    return np.tile(values, (*array.shape[:-1], 1))
 
 
 def _goal_from(settings: Settings, scenes: Sequence[Scene], wanted: Any) -> tuple[Array, Array]:

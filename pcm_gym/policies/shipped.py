@@ -78,11 +78,12 @@ def load_policy(source: str | os.PathLike[str], difficulty: str | None = None, k
         observation, info = env.reset()
         action = policy(observation)
     """
-    if isinstance(source, os.PathLike) or text("source", source).endswith(ENDING):
-        return Policy.load(source)
     if difficulty is not None:
         text("difficulty", difficulty)
-    key = PolicyKey(source, difficulty, one_of("kind", kind, KINDS))
+    one_of("kind", kind, KINDS)
+    if isinstance(source, os.PathLike) or text("source", source).endswith(ENDING):
+        return Policy.load(source)
+    key = PolicyKey(source, difficulty, kind)
     known = shipped_policies()
     if key not in known:
         listed = ", ".join(f"{own.environment_id} ({own.difficulty or 'default'}, {own.kind})" for own in known)

@@ -8,12 +8,14 @@ from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.continuation import FOLD, INDEX_CHANGE, follow_branch
 from pcm_gym.kernels.branches.load_normal import load_normal_at
 from pcm_gym.kernels.statics.states import Point
-from pcm_gym.mechanism.validation import check_kinds, instance_of, positive_number
+from pcm_gym.mechanism.validation import check_kinds, instance_of, positive_number, shown
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.fold_search import Hit, Space, nearest_hit, polled
 
 # Largest load looked at by default, in EI / L^2: about that of a rod with rho = 10.
 _REACH = 100.0
+# The largest that may be asked for: rods with rho = 100, straight but for their ends.
+_LARGEST_REACH = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +61,12 @@ def critical_load(equilibrium: Equilibrium, reach: float | None = None) -> Criti
     equilibrium : Equilibrium
         A stable one, under any load.
     reach : float, optional
-        Largest load looked at, in N; by default 100 EI / L^2 of the mean rod.
+        Largest load looked at, in N, at most 10,000 EI / L^2 of the mean rod; by default 100.
 
     Raises
     ------
     ValueError
-        If the equilibrium is not stable, or `reach` not finite and greater than 0.
+        If the equilibrium is not stable, or `reach` not greater than 0 or too great.
 
     Notes
     -----
@@ -76,6 +78,8 @@ def critical_load(equilibrium: Equilibrium, reach: float | None = None) -> Criti
         raise ValueError(f"equilibrium must be stable, got one of index {equilibrium.index}: {equilibrium!r}")
     units = equilibrium.mechanism.units
     size = _REACH if reach is None else positive_number("reach", reach) / units.force
+    if size > _LARGEST_REACH:
+        raise ValueError(f"reach must be at most {_LARGEST_REACH * units.force:.6g} N, got {shown(reach)}")
     _, inputs, load = equilibrium.kernel_values()
     legs = equilibrium.mechanism.leg_table
 

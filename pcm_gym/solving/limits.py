@@ -6,11 +6,12 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array, Mask
+from pcm_gym.arrays import Mask
 from pcm_gym.kernels.structure.limits import LIMIT_COUNT, Bounds, set_broken
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import instance_of, one_of, sequence_of
+from pcm_gym.mechanism.validation import finite_array, instance_of, one_of, sequence_of, shown
 from pcm_gym.solving.equilibrium import Equilibrium
 
 # In the order of the kernels' columns.
@@ -68,26 +69,28 @@ class StructuralLimits:
                 forces[n] = leg.actuator.greatest_effort * units.inputs[n] / units.energy
         return Bounds(curvatures, forces, "contact" in self.names)
 
-    def broken(self, states: Array, inputs: Array) -> Mask:
+    def broken(self, states: ArrayLike, inputs: ArrayLike) -> Mask:
         """Return which limits equilibria break, (n, 3): stress, torque, contact.
 
         `states` (n, 2 legs + d) and `inputs` (n, legs) are the kernels', dimensionless. Limits that are not named are
         not broken.
         """
+        states = finite_array("states", states, ("n", self.mechanism.state_size))
+        inputs = finite_array("inputs", inputs, (len(states), self.mechanism.leg_count))
         broken = np.zeros((len(states), LIMIT_COUNT), dtype=np.bool_)
         if self:
             set_broken(self.mechanism.leg_table, states, inputs, self.bounds, broken)
         return broken
 
-    def are_kept(self, states: Array, inputs: Array) -> Mask:
+    def are_kept(self, states: ArrayLike, inputs: ArrayLike) -> Mask:
         """Return which equilibria break none, (n,); see `broken`."""
         kept: Mask = np.logical_not(self.broken(states, inputs).any(axis=1))
         return kept
 
     def broken_by(self, equilibrium: Equilibrium) -> tuple[LimitName, ...]:
         """Return the names of the limits that an equilibrium breaks."""
-        if not self:
-            return ()
+        if instance_of("equilibrium", equilibrium, Equilibrium).mechanism != self.mechanism:
+            raise ValueError(f"equilibrium must be of {self.mechanism.name!r}, got {shown(equilibrium)}")
         state, inputs, _ = equilibrium.kernel_values()
         return tuple(np.array(LIMIT_NAMES)[self.broken(state[None], inputs[None])[0]].tolist())
 

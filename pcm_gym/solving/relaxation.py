@@ -13,6 +13,8 @@ from pcm_gym.mechanism.validation import check_kinds, instance_of
 from pcm_gym.solving.equilibrium import Equilibrium
 
 _LARGEST_RESIDUAL = 1e-6
+# Stability margins below this are those of singular points, known as well as rounding lets them be.
+_SINGULAR = 1e-6
 
 
 class SnapStatus(StrEnum):
@@ -92,7 +94,8 @@ def snap(equilibrium: Equilibrium) -> Snap:
     ------
     ValueError
         If the equilibrium is stable, or none. Stable means that no disturbance of its rods by up to 1.6 % of their
-        length lowers the energy: so near to a fold a state counts as being there.
+        length lowers the energy: so near to a fold a state counts as being there. At a bifurcation into stable
+        branches nothing falls either, but that is an answer: `SnapStatus.STAYED`.
 
     Notes
     -----
@@ -111,7 +114,8 @@ def snap(equilibrium: Equilibrium) -> Snap:
     if not instance_of("equilibrium", equilibrium, Equilibrium).residual < _LARGEST_RESIDUAL:
         raise ValueError(f"equilibrium must be one, got a state with residual {equilibrium.residual:.3g}")
     found = _motion_from(equilibrium)
-    if found.status == SnapStatus.STAYED and equilibrium.index == 0:
+    is_stable = equilibrium.index == 0 and equilibrium.stability_margin > _SINGULAR
+    if found.status == SnapStatus.STAYED and is_stable:
         raise ValueError(
             "equilibrium must be unstable or at a fold to snap, got a stable one with stability_margin "
             f"{equilibrium.stability_margin:.3g}: no disturbance of its rods by up to {LARGEST_DISTURBANCE:.1%} of "

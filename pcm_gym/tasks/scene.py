@@ -15,6 +15,7 @@ from pcm_gym.kernels.snaps.instability import TERMINATE
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
+    Shape,
     finite_array,
     finite_tuple,
     instance_of,
@@ -132,8 +133,9 @@ class Scene:
         numbers = self._checked(numbers, threads, 1)
         return self.beside(self.nodes(numbers[:, 0]), numbers[:, 1:], threads)
 
-    def nodes(self, numbers: Array) -> Integers:
-        """Return nodes (n,) drawn by `numbers` from [0, 1), evenly over the poses of each sheet."""
+    def nodes(self, numbers: ArrayLike) -> Integers:
+        """Return nodes (n,) drawn by `numbers` from [0, 1), (n,), evenly over the poses of each sheet."""
+        numbers = _fractions(numbers, ("n",))
         sums = self.roadmap.pose_density_sums
         chosen: Integers = np.searchsorted(sums, numbers * sums[-1], side="right")
         return np.minimum(chosen, len(sums) - 1)
@@ -161,8 +163,9 @@ class Scene:
 
     def leads_straight(self, start: States, ends: States, threads: int = 1) -> Mask:
         """Return from which starts (n, ...) the straight way of the inputs leads to the end, (n, ...), in stability."""
-        for states in (start, ends):
-            self._check_states(states, len(start.x))
+        self._check_states(start, len(instance_of("start", start, States).x), "start")
+        self._check_states(ends, len(start.x), "ends")
+        whole_number("threads", threads, least=1, most=MOST_THREADS)
         moved, stride = States(*(array.copy() for array in start)), np.array(self.stride)
         steps = np.abs((ends.inputs - start.inputs) / stride).max(axis=1, initial=0.0)
         self._walk(moved, ends.inputs, stride, np.ceil(steps).astype(np.int64) + 1, 0.0, threads)
@@ -219,21 +222,18 @@ class Scene:
     def _checked(self, numbers: ArrayLike, threads: int, more: int = 0) -> Array:
         """Return numbers from [0, 1), (n, legs) or more columns, as a new array; threads are checked as well."""
         whole_number("threads", threads, least=1, most=MOST_THREADS)
-        checked = finite_array("numbers", numbers, ("n", self.mechanism.leg_count + more))
-        if checked.size and not (checked.min() >= 0.0 and checked.max() < 1.0):
-            raise ValueError(f"numbers must be at least 0 and less than 1, got {shown(numbers)}")
-        return checked
+        return _fractions(numbers, ("n", self.mechanism.leg_count + more))
 
-    def _check_states(self, states: States, count: int) -> None:
+    def _check_states(self, states: States, count: int, own: str = "states") -> None:
         """Raise unless these are states whose arrays kernels may change."""
         mechanism = self.mechanism
         widths = {"x": mechanism.state_size, "inputs": mechanism.leg_count, "load": mechanism.dof}
-        for name, array in instance_of("states", states, States)._asdict().items():
+        for name, array in instance_of(own, states, States)._asdict().items():
             shape = (count, widths[name])
             is_sound = isinstance(array, np.ndarray) and array.dtype == np.float64 and array.flags.carray
             if not is_sound or array.shape != shape:
-                raise ValueError(f"states.{name} must be a writable float array {shape} in C order, got {shown(array)}")
-            finite_array(f"states.{name}", array, shape)
+                raise ValueError(f"{own}.{name} must be a writable float array {shape} in C order, got {shown(array)}")
+            finite_array(f"{own}.{name}", array, shape)
 
     def _walk(
         self, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float, threads: int
@@ -272,6 +272,14 @@ class Scene:
             walk(legs, rows, targets[first:last], stride, steps[first:last], least_margin)
 
         run_all(pieces_of(part, len(steps), threads), threads)
+
+
+def _fractions(numbers: ArrayLike, shape: Shape) -> Array:
+    """Return numbers from [0, 1) as a new array of that shape."""
+    checked = finite_array("numbers", numbers, shape)
+    if checked.size and not (checked.min() >= 0.0 and checked.max() < 1.0):
+        raise ValueError(f"numbers must be at least 0 and less than 1, got {shown(numbers)}")
+    return checked
 
 
 def _are_same(states: States, others: States) -> Mask:

@@ -44,7 +44,7 @@ class Episodes:
         falls = np.zeros(count, dtype=np.int64) if self.fewest_falls is None else self.fewest_falls
         object.__setattr__(self, "fewest_falls", whole_array("fewest_falls", falls, (count,), 0, 1 << 30))
 
-    def put(self, rows: Integers, others: "Episodes", taken: Mask) -> None:
+    def _put(self, rows: Integers, others: "Episodes", taken: Mask) -> None:
         """Put those of other episodes that are taken, (len(rows),), in the place of some rows, in place."""
         for own, other in zip(self._arrays(), others._arrays(), strict=True):
             own[rows[taken]] = other[taken]
@@ -110,7 +110,7 @@ class Task(ABC):
 
     def roadmap(self, scene: Scene) -> Roadmap:
         """Return what the ways from starts to goals are on."""
-        return scene.roadmap
+        return instance_of("scene", scene, Scene).roadmap
 
     @property
     def behaviours(self) -> tuple[OnInstability, ...]:
@@ -223,7 +223,7 @@ def draw_until(drawn: Callable[[Generators], tuple[Episodes, Mask]], generators:
         if not len(rows):
             return episodes
         others, is_fit = drawn([generators[row] for row in rows.tolist()])
-        episodes.put(rows, others, is_fit)
+        episodes._put(rows, others, is_fit)
         rows = rows[~is_fit]
     raise ValueError(f"{rule}, got none in {_ATTEMPTS} draws")
 

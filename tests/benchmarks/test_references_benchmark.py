@@ -1,6 +1,7 @@
 """The table of references: every tier of every environment is judged or refused, and the planner bounds the others."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -44,6 +45,7 @@ def test_whoever_knows_nothing_reaches_nothing_and_the_planner_nearly_all(scores
 
 def test_a_tier_that_a_mechanism_does_not_have_is_refused_in_words() -> None:
     (detour,) = (tier for tier in tiers(["PCM/2PFR-Reach-v0"], "train") if tier.name == "detour")
+    detour = replace(detour, arguments={**detour.arguments, "mechanism": "2PFR-paper"})
     found, refusal = judge(detour, QUICK, 2, lambda: None)
     assert found == []
     assert refusal is not None

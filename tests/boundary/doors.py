@@ -26,6 +26,7 @@ ALIASES = {
     "render_workspace": ("is not an atlas", "cannot be read"),
     "path": ("is not an atlas", "cannot be read", "ending of the file"),
     "rho_max": ("rho <=",),
+    "names": ("limits",),
     # arrays that are as long as another one
     "cells": ("states must have shape",),
     "branches": ("inputs must have shape",),
@@ -95,7 +96,8 @@ def curves() -> tuple[pcm_gym.SingularCurve, ...]:
 
 @cache
 def fold() -> pcm_gym.Equilibrium:
-    return pcm_gym.BranchTracker(mechanism("2RFR"), home("2RFR")).step(home("2RFR").inputs + 2.5).equilibrium
+    own = home("2RFR-paper")
+    return pcm_gym.BranchTracker(own.mechanism, own).step(own.inputs + 2.5).equilibrium
 
 
 @cache
@@ -133,10 +135,11 @@ def _copy(states: States) -> States:
     return States(*(array.copy() for array in states))
 
 
-def _walked(name: str, **arguments: Any) -> Any:
+def _moved(name: str, method: str, **arguments: Any) -> Any:
+    """What a method of a scene makes of a copy of states."""
     states = arguments.pop("states", None)
     states = _copy(states) if isinstance(states, States) else states
-    scene(name).walk(states, **arguments)
+    getattr(scene(name), method)(states, **arguments)
     return states
 
 
@@ -221,6 +224,12 @@ def _of_solving(name: str) -> Iterator[Door]:
     yield Door("certify_path", pcm_gym.certify_path, {"mechanism": own, "equilibria": way})
     yield Door("nearest_fold", pcm_gym.nearest_fold, {"equilibrium": here, "reach": 1.0})
     yield Door("critical_load", pcm_gym.critical_load, {"equilibrium": here, "reach": 1.0})
+    structure = pcm_gym.StructuralLimits(own, ("stress", "contact"))
+    yield Door("StructuralLimits", pcm_gym.StructuralLimits, {"mechanism": own, "names": ["stress"]})
+    told = {"states": here.state[None], "inputs": own.units.kernel_from_inputs(inputs)[None]}
+    yield Door("StructuralLimits.broken", structure.broken, told, ("states", "inputs"))
+    yield Door("StructuralLimits.are_kept", structure.are_kept, told, ("states", "inputs"))
+    yield Door("StructuralLimits.broken_by", structure.broken_by, {"equilibrium": here})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
 
 
@@ -310,6 +319,7 @@ def _of_tasks(name: str) -> Iterator[Door]:
     yield Door("Goals.pose", goals.pose, {"goal": goal}, ("goal",))
     scored = {"achieved": np.stack([goal, goal + 0.25]), "desired": np.stack([goal, goal])}
     yield Door("Goals.score", goals.score, scored, ("achieved", "desired"))
+    yield Door("Goals.distance", goals.distance, scored, ("achieved", "desired"))
     task = Reach(goals)
     rewarded = {"achieved_goal": scored["achieved"], "desired_goal": goal}
     yield Door("Task.compute_reward", task.compute_reward, rewarded, ("achieved_goal", "desired_goal"))
@@ -318,19 +328,26 @@ def _of_tasks(name: str) -> Iterator[Door]:
     yield Door("Task.sample", task.sample, drawn, compares=False)
     yield Door("Task", Reach, {"goals": goals, "difficulty": "near"})
     yield Door("Task.argument_names", task.argument_names)
+    yield Door("Task.roadmap", lambda **given: task.roadmap(**given).states, {"scene": place})
     yield Door("Task.metrics", task.metrics, scored, unchecked=("achieved", "desired"))
     fields = {key: getattr(place, key) for key in ("mechanism", "load", "stride", "margin", "origin")}
     yield Door("Scene", pcm_gym.Scene, fields, ("load", "stride"))
     numbers = np.full((2, 1 + own.leg_count), 0.5)
     yield Door("Scene.starts", place.starts, {"numbers": numbers, "threads": 1}, ("numbers",))
+    yield Door("Scene.nodes", place.nodes, {"numbers": numbers[:, 0]}, ("numbers",))
+    yield Door("Scene.check_seed", place.check_seed)
     nodes = np.array([0, 1])
+    straight = {"start": place.at_nodes(nodes), "ends": place.at_nodes(nodes), "threads": 1}
+    yield Door("Scene.leads_straight", place.leads_straight, straight)
+    moved = {"states": place.at_nodes(nodes), "numbers": numbers[:, 1:], "threads": 1}
+    yield Door("Scene.move_within_cells", partial(_moved, name, "move_within_cells"), moved, ("numbers",))
     beside = {"nodes": nodes, "numbers": numbers[:, 1:], "threads": 1}
     yield Door("Scene.beside", place.beside, beside, ("numbers",))
     yield Door("Scene.at_nodes", place.at_nodes, {"nodes": nodes})
     yield Door("Scene.states", place.states, states, ("x", "inputs"))
     yield Door("Scene.at_equilibrium", place.at_equilibrium, {"equilibrium": here, "count": 2})
     walked = {"states": place.at_nodes(nodes), "numbers": numbers, "steps_range": (1, 2), "threads": 1}
-    yield Door("Scene.walk", partial(_walked, name), walked, ("numbers",))
+    yield Door("Scene.walk", partial(_moved, name, "walk"), walked, ("numbers",))
     yield Door(
         "Episodes", pcm_gym.Episodes, {"states": place.at_nodes(nodes), "goals": np.zeros((2, 1, 2))}, ("goals",)
     )
@@ -389,6 +406,8 @@ def _of_environments(name: str) -> Iterator[Door]:
         yield Door(f"{kind}.save_state", lambda own=own: own.save_state()["rows"])
         yield Door(f"{kind}.render", own.render)
     yield Door("MechanismVectorEnv.equilibrium", rows.equilibrium, {"row": 1})
+    yield Door("MechanismEnv.true_mechanism", env.true_mechanism)
+    yield Door("MechanismVectorEnv.true_mechanism", rows.true_mechanism, {"row": 1})
     yield Door("MechanismVectorEnv.goal", rows.goal, {"row": 1})
     yield from _of_resets(name)
     for kind, own in (("MechanismEnv", env), ("MechanismVectorEnv", rows)):

@@ -63,8 +63,8 @@ def sample(count: int, seed: int = 0) -> list[Case]:
     return (first + others)[:count]
 
 
-# What readers say of a path tells what is wrong with the file, not what was given.
-_NO_FILES = (pcm_gym.AtlasError, pcm_gym.MechanismFileError)
+# What readers say of a path tells what is wrong with the file, and planners why there is no motion: not what was given.
+_OF_CONTENT = (pcm_gym.AtlasError, pcm_gym.MechanismFileError, pcm_gym.PlanningError, pcm_gym.PolicyError)
 
 
 class Judge:
@@ -80,7 +80,7 @@ class Judge:
         if id(door) not in self._right:
             try:
                 self._right[id(door)] = (door, door.call(**door.arguments))
-            except _NO_FILES:
+            except _OF_CONTENT:
                 self._right[id(door)] = (door, None)
 
     def complaint(self, case: Case) -> str | None:
@@ -129,7 +129,7 @@ def _words(case: Case, error: Exception) -> str | None:
     names = (case.argument, *ALIASES.get(case.argument, ()))
     if not any(name in message for name in names):
         return f"the error does not name {case.argument}: {message[:300]}"
-    if "got" not in message and "rho <=" not in message and not isinstance(error, _NO_FILES):
+    if "got" not in message and "rho <=" not in message and not isinstance(error, _OF_CONTENT):
         return f"the error does not show the value: {message[:300]}"
     return None
 

@@ -16,9 +16,6 @@ import pcm_gym
 from pcm_gym.environments.registration import ENVIRONMENTS
 from pcm_gym.tasks import Switch
 
-# The default 2PFR is stable wherever its sliders can go; under this load, in N, it folds.
-FOLDING = {"2PFR": {"load": (2.0, -1.0)}}
-
 # The mechanisms that have environments.
 MECHANISMS = list(dict.fromkeys(own.mechanism for own in ENVIRONMENTS))
 
@@ -46,11 +43,6 @@ def info_types(env: Any) -> dict[str, Any]:
     task = env.unwrapped.task
     name, is_told = type(task).__name__, not isinstance(task, Switch) or task.difficulty == "fall"
     return {**INFO_TYPES, **(METRICS.get(name, {}) if is_told else {})}
-
-
-def folding_arguments(environment_id: str) -> dict[str, Any]:
-    """Keywords with which the environment can lose stability."""
-    return FOLDING.get(mechanism_of(environment_id), {})
 
 
 def mechanism_of(environment_id: str) -> str:

@@ -158,7 +158,7 @@ def test_goals_beyond_the_rods_or_of_other_mechanisms_are_refused() -> None:
 
 
 def test_sliders_reach_as_far_as_their_limits_let_them() -> None:
-    env = make_bare("PCM/2PFR-Reach-v0")  # vertical rails at x = -0.2 and 0.2 m
+    env = make_bare("PCM/2PFR-Reach-v0", mechanism="2PFR-paper")  # vertical rails at x = -0.2 and 0.2 m
     upper = env.mechanism.upper_limits.max()
     env.reset(options={"goal": (0.0, upper + 0.9)})
     with pytest.raises(ValueError, match="within the reach of the rods"):

@@ -23,7 +23,6 @@ from tests.environments.rollouts import (
     assert_same,
     chosen_ids,
     digests_of_all,
-    folding_arguments,
     info_types,
     leaves,
     make,
@@ -45,7 +44,7 @@ pytestmark = pytest.mark.parametrize("environment_id", IDS)
 
 def variants(environment_id: str) -> list[dict[str, Any]]:
     """Keywords that reach every way of ending, both rewards and a load."""
-    return [{}, {"reward_type": "sparse", "load": (0.05, -0.1)}, folding_arguments(environment_id)]
+    return [{}, {"reward_type": "sparse", "load": (0.05, -0.1)}]
 
 
 def terminates(environment_id: str) -> bool:
@@ -130,13 +129,12 @@ def test_another_process_gives_equal_rollouts(
 
 
 def test_overwriting_what_was_returned_changes_nothing(environment_id: str) -> None:
-    keywords = folding_arguments(environment_id)
     assert_same(
-        roll_single(make_bare(environment_id, **keywords), 6, 80),
-        roll_single(make_bare(environment_id, **keywords), 6, 80, spoil=True),
+        roll_single(make_bare(environment_id), 6, 80),
+        roll_single(make_bare(environment_id), 6, 80, spoil=True),
     )
     for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
-        envs = [make_native(environment_id, 4, autoreset_mode=mode, **keywords) for _ in range(2)]
+        envs = [make_native(environment_id, 4, autoreset_mode=mode) for _ in range(2)]
         assert_same(roll_batch(envs[0], 6, 80), roll_batch(envs[1], 6, 80, spoil=True))
 
 
@@ -210,8 +208,7 @@ def test_copies_go_on_alike_and_apart(environment_id: str) -> None:
 
 
 def test_observations_are_in_their_space_and_no_element_is_constant(environment_id: str) -> None:
-    keywords = folding_arguments(environment_id)
-    env = make_native(environment_id, 1000, **keywords)  # 100,000 steps
+    env = make_native(environment_id, 1000)  # 100,000 steps
     space = env.observation_space
     lowest, highest = np.full(space["observation"].shape[1], np.inf), np.full(space["observation"].shape[1], -np.inf)
     observation, _ = env.reset(seed=0)
@@ -304,7 +301,7 @@ def _rewards_and_goals(environment_id: str, **keywords: Any) -> list[Any]:
 def test_losing_stability_terminates_with_a_cost(environment_id: str) -> None:
     if not terminates(environment_id):
         pytest.skip("it falls and goes on: tests of the four behaviours")
-    env = make_bare(environment_id, **folding_arguments(environment_id))
+    env = make_bare(environment_id)
     events = set()
     for seed in range(40):
         env.reset(seed=seed)
@@ -425,7 +422,7 @@ def test_nearly_singular_is_half_of_the_smallest_step(environment_id: str) -> No
 
 
 def test_closeness_to_singularity_costs(environment_id: str) -> None:
-    env = make_bare(environment_id, **folding_arguments(environment_id))
+    env = make_bare(environment_id)
     costs = set()
     for record in roll_single(env, 0, 600):
         if len(record) == 5:

@@ -10,9 +10,9 @@ import pytest
 import pcm_gym
 from pcm_gym.environments.batch import MechanismVectorEnv
 from pcm_gym.environments.single import MechanismEnv
-from pcm_gym.solving.limits import LIMIT_NAMES
+from pcm_gym.solving.limits import LIMIT_NAMES, LimitName
 
-ALL = ("stress", "torque", "contact")
+ALL: tuple[LimitName, ...] = ("stress", "torque", "contact")
 
 
 def of_strips(name: str, torque: float, force: float, thickness: float = 0.0005) -> pcm_gym.Mechanism:
@@ -20,7 +20,7 @@ def of_strips(name: str, torque: float, force: float, thickness: float = 0.0005)
     rod = pcm_gym.Rod(section=pcm_gym.Strip(0.02, thickness), material=pcm_gym.SPRING_STEEL)
     legs = []
     for leg in pcm_gym.get_mechanism(name).legs:
-        limit = {"greatest_torque": torque} if leg.actuator.is_angle else {"greatest_force": force}
+        limit: dict[str, Any] = {"greatest_torque": torque} if leg.actuator.is_angle else {"greatest_force": force}
         legs.append(replace(leg, rod=rod, actuator=replace(leg.actuator, **limit)))
     return replace(pcm_gym.get_mechanism(name), name=f"{name} of strips", legs=tuple(legs))
 

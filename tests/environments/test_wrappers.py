@@ -13,7 +13,6 @@ import pcm_gym
 from pcm_gym import BranchTracker, CostStep, Event, SolverShield, VectorSolverShield, environment_ids
 from tests.environments.rollouts import (
     assert_same,
-    folding_arguments,
     make,
     make_bare,
     make_native,
@@ -50,7 +49,7 @@ def episodes(env: gymnasium.Env, count: int, policy: Policy = straight_on) -> li
 class TestCostStep:
     @pytest.mark.parametrize("name", IDS)
     def test_returns_the_cost_of_the_info_as_third_value(self, name: str) -> None:
-        env, plain = (CostStep(make(name, **folding_arguments(name))), make(name, **folding_arguments(name)))
+        env, plain = (CostStep(make(name)), make(name))
         total = 0.0
         for seed in range(30):
             env.reset(seed=seed)
@@ -118,7 +117,7 @@ class TestSolverShield:
 
     @pytest.mark.parametrize("behaviour", ["terminate", "snap", "hold", "continue"])
     def test_stability_and_margin_are_kept_by_clamps_that_follow_late(self, behaviour: str) -> None:
-        keywords = {"on_instability": behaviour, **LATE, **RANDOMISED}
+        keywords = {"mechanism": "2RFR-paper", "on_instability": behaviour, **LATE, **RANDOMISED}
         plain = episodes(make("PCM/2RFR-Reach-v0", **keywords), 8)
         shielded = episodes(SolverShield(make("PCM/2RFR-Reach-v0", **keywords)), 8)
         assert sum(info["cost_unstable"] for info in plain) > 1

@@ -90,7 +90,7 @@ def wrong_contents() -> dict[str, tuple[Any, str]]:
         ("legs", 0, "actuator", "limits"): [[0.0], "x", None, [1.0, -1.0]],
         ("legs", 1, "rod"): [None, {}, {"length": 1.0}],
         ("legs", 1, "rod", "length"): ["1.0", 0.0, -1.0, True, [1.0], None],
-        ("legs", 1, "rod", "bending_stiffness"): [0, "1e-3", None],
+        ("legs", 1, "rod", "bending_stiffness"): [0, "1e-3"],
         ("legs", 1, "rod", "section"): [
             {"kind": "tube"},
             {"kind": "round", "radius": 0.0},

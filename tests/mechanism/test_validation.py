@@ -75,7 +75,7 @@ WRONG = [
     (mechanism, "home_inputs", (0.0, 4.0), ValueError, "within the limits", "4.0"),
     (mechanism, "home_pose", (0.0, 0.0, 0.0), ValueError, "shape (2,)", "0.0"),
     (mechanism, "home_pose", (0.0, math.inf), ValueError, "finite", "inf"),
-    (get_mechanism, "name", "4RFR", ValueError, "['2RFR', '2PFR', '3PFR']", "'4RFR'"),
+    (get_mechanism, "name", "4RFR", ValueError, "['2RFR', '2PFR', '3PFR', ", "'4RFR'"),
 ]
 
 

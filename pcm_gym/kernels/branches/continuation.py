@@ -206,8 +206,15 @@ def _follow_naturally(legs: Array, reach: float, least: float, line: Tracer, wor
 
 @kernel
 def _cross(legs: Array, reach: float, line: Tracer, work: Workspace) -> bool:
-    """Step over a change of index with the tangent before it; return whether that succeeded."""
-    index, _ = start_naturally(legs, line, work)
+    """Step over a change of index with the tangent of the arc before it; return whether that succeeded.
+
+    The tangent at the singular state itself would be rounding.
+    """
+    place_at(legs, line.y, line, work)
+    index = assess_stability(legs, line.x, work).morse_index
+    rate = line.tangent[-1]
+    for j in range(line.tangent.shape[0]):
+        line.tangent[j] /= rate
     end, step = line.y[-1], _RULES.first_crossing
     while end < reach:
         end = min(line.y[-1] + step, reach)

@@ -28,7 +28,7 @@ FALLS, ENERGY = 0, 1
 # Snaps in one step of the inputs.
 _MOST_SNAPS = 8
 # Parts of the way left that are tried, one after the other, to get away from a bifurcation into stable branches.
-_PARTS_BEYOND = (1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0)
+_PARTS_BEYOND = (1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0)
 
 
 @kernel
@@ -59,9 +59,11 @@ def advance(
         return _stand_still(legs, point, NONE, 1.0, work)
     if behaviour == SNAP:
         return _advance_snapping(legs, point, target, falls, line, work)
+    first = Point(point.x.copy(), point.inputs.copy(), point.load)
     tracked = track(legs, point, target, point.load, False, line, work)
     if behaviour != CONTINUE or tracked.event != INDEX_CHANGE:
         return tracked
+    point.x[:], point.inputs[:] = first.x, first.inputs  # which tells where the branch leads; a bifurcation does not
     tracked = track(legs, point, target, point.load, True, line, work)
     event = tracked.event
     if event == NONE:
@@ -75,6 +77,7 @@ def advance(
 def _advance_snapping(legs: Array, point: Point, target: Array, falls: Array, line: Tracer, work: Workspace) -> Tracked:
     first_event = NONE
     for _ in range(_MOST_SNAPS):
+        first = Point(point.x.copy(), point.inputs.copy(), point.load)
         tracked = track(legs, point, target, point.load, False, line, work)
         if tracked.event == SOLVER_FAILURE:
             return tracked
@@ -83,7 +86,7 @@ def _advance_snapping(legs: Array, point: Point, target: Array, falls: Array, li
             return judge(legs, point.x, point.load, first_event, 1.0, work)
         status, released, _ = snap(legs, point, np.empty(0))
         if status == STAYED and tracked.event == INDEX_CHANGE:
-            status, released = _snap_beyond(legs, point, target, line, work)
+            status, released = _snap_beyond(legs, first, point, target, line, work)
             if status == STAYED:
                 return _stand_still(legs, point, first_event, tracked.fraction, work)
         if status != LANDED:
@@ -111,15 +114,17 @@ def _stand_still(legs: Array, point: Point, event: int, fraction: float, work: W
 
 
 @kernel
-def _snap_beyond(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> tuple[int, float]:
-    """Follow the branch over a bifurcation, no further than needed, and snap from there; return status and energy.
+def _snap_beyond(
+    legs: Array, first: Point, point: Point, target: Array, line: Tracer, work: Workspace
+) -> tuple[int, float]:
+    """Follow the branch from `first` over a bifurcation, no further than needed, and snap; return status and energy.
 
     `LANDED` if the point is stable beyond it; `STAYED`, and nothing is changed, if the target is so little beyond it
     that the stable branches are still nearer than any disturbance.
     """
     goal = np.empty(target.shape[0])
     for part in _PARTS_BEYOND:
-        beyond = Point(point.x.copy(), point.inputs.copy(), point.load)
+        beyond = Point(first.x.copy(), first.inputs.copy(), point.load)
         for i in range(target.shape[0]):
             goal[i] = target[i] if part == 1.0 else point.inputs[i] + part * (target[i] - point.inputs[i])
         tracked = track(legs, beyond, goal, point.load, True, line, work)

@@ -36,13 +36,14 @@ class _Design(NamedTuple):
         return Leg(actuator, self.rod, (self.platform_radius * math.cos(hinge), self.platform_radius * math.sin(hinge)))
 
 
-# The hinges are turned so that home, with all rods bowed to one side, is at phi = 0.
-_DESIGN = _Design(STRIP, 1.6, math.radians(37.0), math.radians(34.0), 0.75, 0.311900, (-0.48, 0.8))
+# The hinges are turned so that home, with all rods bowed to one side, is at phi = 0. At all inputs within the limits
+# there are poses with each hinge within 0.98 m of its base, so that no rod is ever drawn straight.
+_DESIGN = _Design(STRIP, 1.4, math.radians(10.0), math.radians(20.0), 0.7, 0.6325822, (-0.7, 0.7))
 _PAPER_DESIGN = _Design(WIRE, 0.7, 0.0, 0.9, 0.3, 0.0, (-0.5, 0.5))
 
 
 def make() -> Mechanism:
-    """Return the 3PFR: a large platform on steel strips, rails slanted inwards; home at the centre, rods bowed."""
+    """Return the 3PFR: a large platform on steel strips, rails nearly tangential; home at the centre, rods bowed."""
     return _with("3PFR", _DESIGN, (0.0, 0.0, 0.0))
 
 

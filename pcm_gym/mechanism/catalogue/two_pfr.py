@@ -16,7 +16,7 @@ def make() -> Mechanism:
     """Return the 2PFR: rails that lean outwards by 40 degrees and cross below, strips clamped 35 degrees inwards."""
     rails = [
         Prismatic(
-            base=(0.1 * side, 0.0),
+            base=(0.08 * side, 0.0),
             axis_angle=_UP - side * _LEAN,
             clamp_angle=_UP + side * _TURN,
             limits=(-0.7, 0.7),
