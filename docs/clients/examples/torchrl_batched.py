@@ -1,4 +1,4 @@
-"""TorchRL, a native batch. TorchRL wants episodes to begin anew in the step in which the last one ends."""
+"""TorchRL, a native batch. TorchRL resets its rows itself."""
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
@@ -10,7 +10,7 @@ def main() -> int:
         "pcm_gym:PCM/2RFR-Reach-v0",
         num_envs=64,
         vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP,
+        autoreset_mode=AutoresetMode.DISABLED,
     )
     env = GymWrapper(envs, device="cpu")
     rollout = env.rollout(20, break_when_any_done=False)
