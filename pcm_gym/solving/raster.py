@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.numerics.rasters import ON_THE_EDGE
 from pcm_gym.mechanism.validation import (
     finite_array,
     finite_vector,
@@ -95,8 +96,13 @@ class Raster:
         return nodes
 
     def cells_of(self, points: ArrayLike) -> Integers:
-        """Return the cells (n,) in which points (n, d) lie, -1 for those beyond the raster."""
-        return self._cells(np.rint(self._places(finite_array("points", points, ("n", len(self.shape))))))
+        """Return the cells (n,) in which points (n, d) lie, -1 for those beyond the raster.
+
+        On an edge, but for rounding, they are in the next one, and at the end of the raster in the last one.
+        """
+        ratios = self._places(finite_array("points", points, ("n", len(self.shape)))) + 0.5
+        at_end = np.abs(ratios - self.shape) <= ON_THE_EDGE
+        return self._cells(np.floor(ratios + ON_THE_EDGE) - at_end)
 
     def cells_around(self, point: ArrayLike) -> Integers:
         """Return the cells, up to 2^d, between whose nodes a point (d,) lies."""

@@ -34,7 +34,7 @@ from pcm_gym.environments.rows import Info
 from pcm_gym.environments.settings import BEHAVIOURS
 from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.tasks import TASKS
-from tests.environments.rollouts import make_bare
+from tests.environments.rollouts import info_types, make_bare
 
 LARGEST_PICTURE = 30_000  # bytes
 
@@ -113,10 +113,12 @@ def test_every_argument_of_a_task_is_documented_and_no_other(task: str) -> None:
 
 def test_every_info_of_a_step_and_of_a_reset_is_documented_with_its_type(env: MechanismEnv) -> None:
     described = {entry.arg_name: entry.type_name for entry in docstrings.entries(Info, "attribute")}
+    own = {key: kind.__name__ for key, kind in info_types(env).items() if key not in described}
+    assert all(f"`{key}`" in page_of(env) for key in own)
     _, begun = env.reset(seed=0)
     *_, info = env.step(env.action_space.sample())
     for found in (begun, info):
-        assert {key: type(value).__name__ for key, value in found.items()} == described
+        assert {key: type(value).__name__ for key, value in found.items()} == described | own
 
 
 def test_every_reset_option_is_documented_and_no_other() -> None:
@@ -160,7 +162,7 @@ def test_weights_of_the_page_give_the_reward(env: MechanismEnv) -> None:
     achieved, desired = goal["achieved_goal"], goal["desired_goal"] + 0.01
     weights = [float(row[header.index("weight")]) for row in rows]
     e = sum(w * (a - d) ** 2 for w, a, d in zip(weights, achieved, desired, strict=True)) ** 0.5
-    expected = (max(0.0, 1.0 - e) + 2.718281828459045 ** (-e / 0.05)) / 2.0
+    expected = (1.0 / (1.0 + e) + 2.718281828459045 ** (-e / 0.05)) / 2.0
     assert env.compute_reward(achieved, desired, {}) == pytest.approx(expected, rel=1e-6)
 
 

@@ -270,7 +270,7 @@ def test_compute_reward_is_the_reward_of_the_step(environment_id: str, reward_ty
     single = make_bare(environment_id, **keywords)
     expected, *goals = _rewards_and_goals(environment_id, **keywords)
     assert (expected >= 0.0).all()
-    assert np.ptp(expected) > 0.05
+    assert np.ptp(expected) > 0.03
     found = single.compute_reward(*goals, {})
     assert found.dtype == np.float64
     assert found.tobytes() == expected.tobytes()
@@ -288,7 +288,7 @@ def _rewards_and_goals(environment_id: str, **keywords: Any) -> list[Any]:
         observation, reward, terminated, truncated, infos = env.step(action)
         is_step = ~(terminated | truncated)
         parts.append([array[is_step] for array in (reward, observation["achieved_goal"], observation["desired_goal"])])
-        if keywords.get("reward_type") == "sparse":
+        if keywords.get("reward_type") == "sparse" and not env.task.counts_all:
             assert (reward[is_step] == infos["is_success"][is_step]).all()
         if (terminated | truncated).any():
             env.reset()

@@ -110,7 +110,7 @@ def test_steps_of_a_batch_do_what_was_told_of_them(actuators: str, behaviour: st
 @pytest.mark.parametrize("environment_id", ["PCM/2RFR-Track-v0", "PCM/3PFR-Track-v0", "PCM/2RFR-Switch-v0"])
 @pytest.mark.parametrize("reward_type", ["dense", "sparse"])
 def test_the_reward_is_for_the_goal_that_counts_then(environment_id: str, reward_type: str) -> None:
-    env = make_bare(environment_id, reward_type=reward_type, success_distance=0.1, actuator_lag=1.0)
+    env = make_bare(environment_id, reward_type=reward_type, success_distance=0.05, actuator_lag=1.0)
     env.reset(seed=0)
     for action in sweeping_actions(20, env.action_space.shape, seed=3):
         told = env.preview(action[None])

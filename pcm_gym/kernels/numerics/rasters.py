@@ -9,8 +9,9 @@ from pcm_gym.kernels.numerics.compilation import kernel
 # The two rasters.
 INPUTS, POSES = range(2)
 NOWHERE = -1
-# A point this little beyond the last cell, in pitches, is at its edge: at an actuator's limit.
-_ON_THE_EDGE = 1e-9
+# Within this of an edge, in pitches, a point is on it: in the next cell, or at an actuator's limit in the last one.
+# Which cell that is must not depend on rounding, nor what grows from it.
+ON_THE_EDGE = 1e-9
 
 
 class Rasters(NamedTuple):
@@ -36,8 +37,8 @@ def nearest_cell(rasters: Rasters, space: int, point: Array) -> int:
     for axis in range(point.shape[0]):
         count = rasters.shape[space, axis]
         ratio = (point[axis] - rasters.first_node[space, axis]) / rasters.pitch[space, axis] + 0.5
-        place = int(math.floor(ratio))
-        if place == count and ratio <= count + _ON_THE_EDGE:
+        place = int(math.floor(ratio + ON_THE_EDGE))
+        if place == count and ratio <= count + ON_THE_EDGE:
             place -= 1
         if rasters.is_closed[space, axis]:
             place %= count

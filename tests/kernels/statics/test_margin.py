@@ -17,7 +17,7 @@ from pcm_gym.solving import BranchTracker, Equilibrium, Event, home_equilibrium,
 NAMES = ("2RFR", "2PFR", "3PFR")
 # Places and weights of a first difference of fourth order, times 12 widths.
 STENCIL = ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0))
-LOADS = {"2RFR": (1.0, -2.0), "2PFR": (2.0, -1.0), "3PFR": (0.5, -1.0, 0.2)}
+LOADS = {"2RFR": (0.25, -0.5), "2PFR": (0.5, -0.25), "3PFR": (0.125, -0.25, 0.05)}
 
 
 def by_differences(equilibrium: Equilibrium, width: float) -> float:
