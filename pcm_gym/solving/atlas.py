@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.charts import flood
+from pcm_gym.kernels.charts import flood, motions
 from pcm_gym.kernels.numerics.rasters import INPUTS, POSES, Rasters
+from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
     check_kinds,
@@ -279,13 +280,19 @@ class Atlas:
         return whole_number("branch", branch, least=0, most=len(self.branches) - 1)
 
     def _stored(self, over: Over, rows: Integers) -> StableStates:
-        """Return equilibria of the sheets as they are stored, in single precision."""
+        """Return equilibria of the sheets, made exact again: they are stored in single precision."""
         sheets, units = self._sheets(over), self.mechanism.units
-        states = np.concatenate(
-            [sheets.rods[rows], units.kernel_from_pose(sheets.poses[rows].astype(np.float64))], axis=1
+        load = np.tile(units.kernel_from_load(self.load), (len(rows), 1))
+        stored = States(
+            np.concatenate([sheets.rods[rows], units.kernel_from_pose(sheets.poses[rows].astype(np.float64))], axis=1),
+            units.kernel_from_inputs(sheets.inputs[rows].astype(np.float64)),
+            load,
         )
-        inputs = sheets.inputs[rows].astype(np.float64)
-        return StableStates(self.mechanism, self.load, states, inputs, sheets.branches[rows])
+        exact = States(*(array.copy() for array in stored))
+        correct = motions.settle if over == "inputs" else motions.meet_poses
+        is_exact = correct(self.mechanism.leg_table, exact)[:, None]
+        x, inputs = (np.where(is_exact, new, old) for new, old in zip(exact[:2], stored[:2], strict=True))
+        return StableStates(self.mechanism, self.load, x, units.inputs_from_kernel(inputs), sheets.branches[rows])
 
     def _moved(self, over: Over, start: StableStates, targets: Array) -> StableStates:
         """Return the equilibria moved to inputs or poses (n, d), those left out that get lost on the way."""

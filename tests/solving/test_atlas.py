@@ -51,7 +51,7 @@ def atlas(request: pytest.FixtureRequest) -> Atlas:
 
 @pytest.fixture(scope="module")
 def motors() -> Atlas:
-    return make_atlas("2RFR-paper")
+    return make_atlas("2RFR")
 
 
 @pytest.fixture(scope="module")
@@ -491,3 +491,14 @@ def test_progress_is_shown_only_when_asked_for(capsys):
         shown = capsys.readouterr()
         assert shown.out == ""
         assert ("seeds" in shown.err) == progress
+
+
+def test_every_node_gives_back_what_is_stored_there(atlas):
+    """Stored numbers are rounded, and no step from them is so short that the rounding looks like another branch."""
+    for sheets, look_up in ((atlas.over_inputs, atlas.at_inputs), (atlas.over_poses, atlas.at_pose)):
+        for row in np.random.default_rng(0).choice(len(sheets), 60, replace=False).tolist():
+            found = look_up(sheets.raster.nodes(sheets.cells[[row]])[0])
+            poses = np.array([own.pose for own in found]).reshape(len(found), -1)
+            inputs = np.array([own.inputs for own in found]).reshape(len(found), -1)
+            apart = np.abs(np.concatenate([poses - sheets.poses[row], inputs - sheets.inputs[row]], axis=1)).max(axis=1)
+            assert apart.min() < 1e-4
