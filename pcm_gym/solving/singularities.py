@@ -70,7 +70,7 @@ def forward_singularities(
     load : array_like (d,), optional
         Load on the end-effector, N and N m; none by default.
     rho_max : float
-        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+        Largest dimensionless load ``L sqrt(|f| / EI)`` of any rod, up to 30.
     index : int, optional
         Only folds between this Morse index and the next; 0 gives the limits of stability.
     progress : bool
