@@ -13,7 +13,7 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,contrib,render,window,docs,test
+TEST_EXTRAS  := agents,contrib,render,window,docs,site,test
 BENCH_EXTRAS := agents,render,bench
 DOCS_EXTRAS  := docs
 SITE_EXTRAS  := site
