@@ -14,11 +14,11 @@ MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
 TEST_EXTRAS  := agents,contrib,render,window,docs,site,test
-BENCH_EXTRAS := agents,render,bench
+BENCH_EXTRAS := agents,render,explore,bench
 DOCS_EXTRAS  := docs
 SITE_EXTRAS  := site
 PEERS_EXTRAS := peers
-ALL_EXTRAS   := agents,contrib,render,window,test,bench,docs,site,peers
+ALL_EXTRAS   := agents,contrib,render,window,explore,test,bench,docs,site,peers
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run

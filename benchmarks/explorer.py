@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from websockets.sync.client import connect
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE = 120.0  # s
@@ -136,6 +135,8 @@ def has_browser() -> bool:
 @contextmanager
 def browsed(address: str, width: int = 1280, height: int = 1000) -> Iterator[Page]:
     """Return a page of a headless browser at an address."""
+    from websockets.sync.client import connect  # of the extra `explore`, which other benchmarks do not need
+
     name = next(filter(None, map(shutil.which, BROWSERS)), None)
     if name is None:
         raise RuntimeError(f"none of {', '.join(BROWSERS)} is installed")
