@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE = 120.0  # s
 _DRAG_STEPS, _PAUSE = 8, 0.03
