@@ -1,5 +1,7 @@
 """Folds: the inputs at which a stable equilibrium ends, as curves with cusps."""
 
+import itertools
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -20,8 +22,10 @@ def draw(grid: int = 8) -> Figure:
     lower, upper = np.degrees([line.mechanism().lower_limits, line.mechanism().upper_limits])
     for curve in curves:
         points = np.degrees(curve.points)
-        for turns in np.ndindex(3, 3):  # an angle with a full turn has no bounds: the curve runs through its copies
-            shown = points + 360.0 * (np.array(turns) - 1.0)
+        # an angle with a full turn has no bounds: a curve runs on through its copies
+        least, most = (np.floor((lower - points.max(axis=0)) / 360.0), np.ceil((upper - points.min(axis=0)) / 360.0))
+        for turns in itertools.product(*(range(int(a), int(b) + 1) for a, b in zip(least, most, strict=True))):
+            shown = points + 360.0 * np.array(turns)
             for axes in (whole, near):
                 axes.plot(*shown.T, color=style.UNSTABLE, linewidth=0.9)
                 axes.plot(*shown[list(curve.cusps)].T, "o", color=style.INK, markersize=3.0)
