@@ -25,12 +25,12 @@ DESCRIBED = [
 NEEDED = ("furo", "matplotlib", "myst_nb", "PIL", "sphinx", "sphinx_copybutton")
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
     """Return the site, built as `make docs` builds it."""
     if absent := [name for name in NEEDED if importlib.util.find_spec(name) is None]:
         pytest.skip(f"the extra `site` is not installed: {', '.join(absent)}")
-    out = tmp_path_factory.mktemp("site")
+    out = tmp_path / "site"
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", str(out)]
     folders = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": folders}
@@ -57,7 +57,14 @@ class _Page(HTMLParser):
 
 
 @pytest.mark.slow
-def test_no_link_within_the_site_is_dead(site: Path) -> None:
+def test_the_site_is_whole(site: Path) -> None:
+    """In one test, so that it is built once: without a warning, its tutorials run, and all its links lead somewhere."""
+    assert_that_no_link_is_dead(site)
+    assert_that_tutorials_have_run(site)
+    assert_that_every_page_can_be_searched(site)
+
+
+def assert_that_no_link_is_dead(site: Path) -> None:
     pages = {path: _Page(path) for path in site.rglob("*.html")}
     dead, count = [], 0
     for path, page in pages.items():
@@ -76,16 +83,14 @@ def test_no_link_within_the_site_is_dead(site: Path) -> None:
     assert count > 1000
 
 
-@pytest.mark.slow
-def test_tutorials_have_run(site: Path) -> None:
+def assert_that_tutorials_have_run(site: Path) -> None:
     for source in (DOCS / "tutorials").glob("*.md"):
         page = (site / "tutorials" / f"{source.stem}.html").read_text(encoding="utf-8")
         assert page.count('class="cell_output') >= 5
         assert "<img" in page
 
 
-@pytest.mark.slow
-def test_every_page_is_on_the_site_and_can_be_searched(site: Path) -> None:
+def assert_that_every_page_can_be_searched(site: Path) -> None:
     index = (site / "searchindex.js").read_text(encoding="utf-8")
     for source in DOCS.rglob("*.md"):
         name = source.relative_to(DOCS).with_suffix("")
