@@ -78,7 +78,7 @@ def bifurcation_diagram(
         vector, ``{"inputs": inputs, "load": (first, last)}``, is held there; what is not named is held at home, or no
         load. Inputs in rad or m, load in N and N m. Limits are not checked.
     rho_max : float
-        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+        Largest dimensionless load ``L sqrt(|f| / EI)`` of any rod, up to 30.
     slices : int
         Complete sets to be found, besides those at the ends; by default 24.
     certify : bool
