@@ -10,7 +10,8 @@ import typer
 from pcm_gym.commands.catalogue import known_environment
 
 if TYPE_CHECKING:
-    from pcm_gym.arrays import Array
+    import numpy as np
+    from numpy.typing import NDArray
 
 # Keys that drive each input forwards and backwards.
 _KEYS = ("qa", "ws", "ed", "rf", "tg", "yh")
@@ -65,7 +66,7 @@ def play(
     import pygame  # noqa: F401 (Gymnasium's own words on its absence name another package)
     from gymnasium.utils.play import play as play_in_window
 
-    tier = {} if difficulty is None else {"difficulty": difficulty}
+    tier: dict[str, Any] = {} if difficulty is None else {"difficulty": difficulty}
     env: Any = gymnasium.make(
         known_environment(name), render_mode="rgb_array", on_instability=str(on_instability), **tier
     )
@@ -80,7 +81,7 @@ def play(
     env.close()
 
 
-def keys_to_action(legs: int) -> dict[str, "Array"]:
+def keys_to_action(legs: int) -> dict[str, "NDArray[np.float32]"]:
     """Return the action for every combination of keys that drives inputs, one way each."""
     import numpy as np
 
