@@ -13,17 +13,19 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,contrib,render,window,docs,test
-BENCH_EXTRAS := agents,render,bench
+TEST_EXTRAS  := agents,contrib,render,window,docs,site,test
+BENCH_EXTRAS := agents,render,explore,bench
 DOCS_EXTRAS  := docs
+SITE_EXTRAS  := site
 PEERS_EXTRAS := peers
-ALL_EXTRAS   := agents,contrib,render,window,test,bench,docs,peers
+ALL_EXTRAS   := agents,contrib,render,window,explore,test,bench,docs,site,peers
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run
 TEST_STAMP   := $(VENV)/.installed-test
 BENCH_STAMP  := $(VENV)/.installed-bench
 DOCS_STAMP   := $(VENV)/.installed-docs
+SITE_STAMP   := $(VENV)/.installed-site
 PEERS_STAMP  := $(VENV)/.installed-peers
 
 # Of pip's output, one line for each package.
@@ -71,12 +73,17 @@ peers: $(PEERS_STAMP) ## Measure a step beside other simulators and solvers, all
 	$(IN_VENV) benchmarks peers --page docs/compared_with.md
 
 .PHONY: figures
-figures: $(DOCS_STAMP) ## Draw the paper's figures and write their numbers: docs/paper_figures.md
+figures: $(DOCS_STAMP) ## Draw the paper's figures, write their numbers, and draw the pictures of the ideas
 	$(IN_VENV) docs.figures
+	$(IN_VENV) docs.ideas
 
 .PHONY: pages
 pages: $(DOCS_STAMP) ## Write a page for each environment from its docstrings: docs/environments
 	$(IN_VENV) docs.environments
+
+.PHONY: docs
+docs: $(SITE_STAMP) ## Build the site, its tutorials run, from what is in docs: docs/_build/html/index.html
+	$(IN_VENV) sphinx -W --keep-going docs docs/_build/html
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -99,6 +106,9 @@ $(BENCH_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 
 $(DOCS_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 	$(call install,$(DOCS_EXTRAS),$@)
+
+$(SITE_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
+	$(call install,$(SITE_EXTRAS),$@)
 
 $(PEERS_STAMP): $(DEFINITIONS) | $(VENV)/bin/python
 	$(call install,$(PEERS_EXTRAS),$@)

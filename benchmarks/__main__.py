@@ -20,6 +20,7 @@ from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
 from benchmarks.certificates import print_tallies, try_paths
 from benchmarks.endurance import endure, read_cases, write_cases
+from benchmarks.explorer import browsed, explored, interact, take_pictures
 from benchmarks.geometries import FAMILIES, search
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
@@ -321,6 +322,30 @@ def training(
         found = _run(progress, "training", loops, repeats)
     print_training(console, found)
     _write(console, json_path, {"machine": machine}, {"training": found})
+
+
+@app.command()
+def explorer(
+    interactions: Annotated[int, typer.Option(min=1, help="Drags, keys, clicks and choices.")] = 1000,
+    mechanism: Annotated[str, typer.Option(help="Which one is explored.")] = "2RFR",
+    most: Annotated[float, typer.Option(help="Largest 95th percentile of an answer, ms.")] = 100.0,
+    seed: Annotated[int, typer.Option()] = 0,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for pictures of the page, wide and narrow.")] = None,
+    json_path: JsonPath = None,
+) -> None:
+    """Use the explorer at random in headless Chromium; a quarter of an hour.
+
+    The exit status is 1 if answers took longer, or anything went wrong.
+    """
+    console, _ = _start()
+    with explored(mechanism) as address, browsed(address) as page:
+        if pictures is not None:
+            take_pictures(page, pictures)
+        found = interact(page, interactions, seed)
+    console.print(found)
+    if json_path is not None:
+        json_path.write_text(json.dumps(asdict(found), indent=2) + "\n", encoding="utf-8")
+    raise typer.Exit(int(found.percentile > most or bool(found.errors)))
 
 
 @app.command()

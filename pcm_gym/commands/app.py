@@ -6,7 +6,18 @@ from typing import Annotated, Any
 import typer
 
 import pcm_gym
-from pcm_gym.commands import catalogue, charts, checkout, doctor, following, pictures, solutions, upkeep
+from pcm_gym.commands import (
+    catalogue,
+    charts,
+    checkout,
+    doctor,
+    exploring,
+    following,
+    pictures,
+    playing,
+    solutions,
+    upkeep,
+)
 from pcm_gym.commands.errors import end_with
 
 _EPILOG = (
@@ -24,7 +35,10 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "fold": following.fold,
         "snap": following.snap,
         "atlas": charts.atlas,
+        "diagram": charts.diagram,
         "render": pictures.render,
+        "explore": exploring.explore,
+        "play": playing.play,
     },
     "Upkeep": {"warmup": upkeep.warmup, "cache": upkeep.cache, "doctor": doctor.doctor},
 }

@@ -10,6 +10,7 @@ EXTRAS = {
     "PIL": "render",
     "pygame": "window",
     "moviepy": "video",
+    "websockets": "explore",
     "jinja2": "agents",
     "matplotlib": "agents",
     "stable_baselines3": "agents",

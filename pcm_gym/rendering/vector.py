@@ -59,7 +59,7 @@ class _Drawing:
         box = {"viewBox": f"0 0 {size} {size}", "xmlns": "http://www.w3.org/2000/svg"}
         self._root = ElementTree.Element("svg", sides | box)
         ElementTree.SubElement(self._root, "title").text = repr(equilibrium)
-        self._add("rect", sides | {"fill": _colour(style.background)})
+        self._add("rect", sides | {"fill": hex_colour(style.background)})
 
     def text(self) -> str:
         return ElementTree.tostring(self._root, encoding="unicode") + "\n"
@@ -91,20 +91,20 @@ class _Drawing:
         self._disc(lines.end_effector, style.hinge_radius + 1.2, style.ink, style.background)
 
     def _line(self, points: ArrayLike, paint: Paint, width: float, more: dict[str, str] | None = None) -> None:
-        stroke = {"fill": "none", "stroke": _colour(paint), "stroke-width": f"{width * self._unit:g}"}
+        stroke = {"fill": "none", "stroke": hex_colour(paint), "stroke-width": f"{width * self._unit:g}"}
         self._add("polyline", {"points": self._corners(points), **stroke, **(more or {})})
 
     def _polygon(self, points: ArrayLike, fill: Paint, edge: Paint) -> None:
         opacity = {"fill-opacity": f"{fill[3] / 255.0:.3g}"} if len(fill) == 4 else {}
         width = f"{self._style.outline_width * self._unit:g}"
-        stroke = {"fill": _colour(fill), "stroke": _colour(edge), "stroke-width": width}
+        stroke = {"fill": hex_colour(fill), "stroke": hex_colour(edge), "stroke-width": width}
         self._add("polygon", {"points": self._corners(points), **stroke, **opacity})
 
     def _disc(self, centre: ArrayLike, radius: float, fill: Paint, edge: Paint) -> None:
         x, y = self._camera.pixels(centre).tolist()
         place = {"cx": f"{x:.2f}", "cy": f"{y:.2f}", "r": f"{radius * self._unit:g}"}
         width = f"{self._style.outline_width * self._unit:g}"
-        self._add("circle", {**place, "fill": _colour(fill), "stroke": _colour(edge), "stroke-width": width})
+        self._add("circle", {**place, "fill": hex_colour(fill), "stroke": hex_colour(edge), "stroke-width": width})
 
     def _corners(self, points: ArrayLike) -> str:
         return " ".join(f"{x:.2f},{y:.2f}" for x, y in self._camera.pixels(points).tolist())
@@ -113,5 +113,6 @@ class _Drawing:
         ElementTree.SubElement(self._root, kind, attributes)
 
 
-def _colour(paint: Paint) -> str:
+def hex_colour(paint: Paint) -> str:
+    """Return the colour of a paint as SVG takes it."""
     return f"#{paint[0]:02x}{paint[1]:02x}{paint[2]:02x}"

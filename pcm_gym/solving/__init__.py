@@ -5,11 +5,12 @@ a given pose (`solutions`: sets of them; `families`: those that are not isolated
 `certification`: the proof that a set is complete), and `home` chooses one.
 `tracking` follows one along a way (`path_certification`: the proof that it did), `relaxation` lets it fall,
 `fold_distance` measures how far it is from falling in the inputs, `critical_load` in the loads (`fold_search`: how).
-`singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross). Maps of
-all stable ones: the `roadmap` over inputs, for agents, and the `atlas` over inputs and poses, made by `charting` on
-rasters (`raster`, `raster_states`, `atlas_file`). On roadmaps `planning` finds a `motion` (`motion_goals`: to where;
-`roadmap_search`: over which nodes; `straight_ways`: how it is shortened and verified). `progress` shows how far a
-search is.
+`singularities` searches for the curves where equilibria meet (`singular_curve`; `crossings`: where they cross), and
+`bifurcation` for all branches along a line (`diagram`: what it finds; `branch_points`: which directions lead away from
+one; `traced`: how both trace curves). Maps of all stable ones: the `roadmap` over inputs, for agents, and the `atlas`
+over inputs and poses, made by `charting` on rasters (`raster`, `raster_states`, `atlas_file`). On roadmaps `planning`
+finds a `motion` (`motion_goals`: to where; `roadmap_search`: over which nodes; `straight_ways`: how it is shortened and
+verified). `progress` shows how far a search is.
 
 Symbols
 -------
@@ -24,11 +25,13 @@ Public functions take and return N, m and rad. `Units` leads into the kernels, a
 
 from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
 from pcm_gym.solving.atlas_file import AtlasError
+from pcm_gym.solving.bifurcation import bifurcation_diagram
 from pcm_gym.solving.budget import SearchBudgetError, search_budget
 from pcm_gym.solving.certification import Certificate, UndecidedRegion
 from pcm_gym.solving.charting import build_atlas
 from pcm_gym.solving.critical_load import CriticalLoad, critical_load
 from pcm_gym.solving.crossings import Crossing, find_crossings
+from pcm_gym.solving.diagram import BifurcationDiagram, DiagramBranch, Slice, SpecialKind, SpecialPoint, Way
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
 from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
@@ -49,12 +52,14 @@ from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 __all__ = [
     "Atlas",
     "AtlasError",
+    "BifurcationDiagram",
     "Branch",
     "BranchTracker",
     "Certificate",
     "CriticalLoad",
     "Crossing",
     "CurveEnd",
+    "DiagramBranch",
     "Equilibrium",
     "EquilibriumSet",
     "Event",
@@ -74,12 +79,17 @@ __all__ = [
     "RodState",
     "SearchBudgetError",
     "SingularCurve",
+    "Slice",
     "Snap",
     "SnapStatus",
+    "SpecialKind",
+    "SpecialPoint",
     "StableStates",
     "StructuralLimits",
     "TrackedStep",
     "UndecidedRegion",
+    "Way",
+    "bifurcation_diagram",
     "build_atlas",
     "build_roadmap",
     "certify_path",

@@ -67,7 +67,7 @@ def build_atlas(
     load : array_like (d,), optional
         Load on the end-effector, N and N m; none by default.
     rho_max : float
-        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+        Largest dimensionless load ``L sqrt(|f| / EI)`` of any rod, up to 30.
     progress : bool
         Whether to show progress on standard error.
     limits : sequence of "stress", "torque" or "contact"

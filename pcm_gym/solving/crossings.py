@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
-from pcm_gym.kernels.branches.curves import Problem, crossing_segments, point_beside
+from pcm_gym.kernels.branches.curves import point_beside
+from pcm_gym.kernels.branches.polygons import crossing_segments
+from pcm_gym.kernels.branches.problem import Problem, inputs_as_parameters
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE
 from pcm_gym.mechanism.validation import check_kinds, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
@@ -94,7 +96,7 @@ class _Plane:
         conditions = np.eye(size + mechanism.leg_count)[held]
         kind = FORWARD if curve.is_forward else INVERSE
         load = mechanism.units.kernel_from_load(curve.load)
-        self._problem = Problem(load, conditions, box, math.inf, kind, True)
+        self._problem = Problem(inputs_as_parameters(load), conditions, box, math.inf, kind, True)
 
     def wrapped(self, gap: Array) -> Array:
         """Return a difference of two points without the full turns in it."""

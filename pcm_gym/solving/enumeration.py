@@ -78,7 +78,7 @@ def solve_forward(
     load : array_like (d,), optional
         Load on the end-effector, N and N m; none by default.
     rho_max : float
-        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+        Largest dimensionless load ``L sqrt(|f| / EI)`` of any rod, up to 30.
     modes : sequence of int or of sets of int, optional
         For each rod the buckling mode asked for, or a set of them; all by default.
     refinement : int

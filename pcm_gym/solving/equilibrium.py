@@ -45,12 +45,12 @@ class RodState:
     mode : int
         Buckling mode q: number of inflections, the hinge included.
     rho : float
-        Dimensionless load L sqrt(|force| / EI).
+        Dimensionless load ``L sqrt(|force| / EI)``.
     force : array (2,)
         Force of the end-effector on the rod's tip, world frame, in N: what the hinge carries, which bears no moment.
     largest_curvature : float
-        Greatest magnitude of the curvature anywhere along the rod, 1/m, in closed form: 2 rho |k| / L where the rod is
-        at least a quarter wave long (rho > K), and that at the clamp where it is shorter.
+        Greatest magnitude of the curvature anywhere along the rod, 1/m, in closed form: ``2 rho |k| / L`` where the rod
+        is at least a quarter wave long (rho > K), and that at the clamp where it is shorter.
     stress_ratio : float
         Greatest bending stress over the yield stress of the rod's material; nan without section and material.
     """

@@ -7,7 +7,8 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches.continuation import FOLD, INDEX_CHANGE, follow_branch
-from pcm_gym.kernels.branches.curves import Problem, polish
+from pcm_gym.kernels.branches.curves import polish
+from pcm_gym.kernels.branches.problem import Problem, inputs_as_parameters
 from pcm_gym.kernels.branches.singularity import FORWARD, normal_at
 from pcm_gym.kernels.statics.closure import LOWER, UPPER
 from pcm_gym.kernels.statics.states import Point
@@ -104,7 +105,7 @@ class _Search:
         across = np.zeros((len(point.inputs) - 1, len(unknowns)))
         across[:, size:] = _complement(direction)
         box = np.tile([-math.inf, math.inf, 0.0], (len(unknowns), 1))
-        problem = Problem(self._load, across[:-1], box, math.inf, FORWARD, True)
+        problem = Problem(inputs_as_parameters(self._load), across[:-1], box, math.inf, FORWARD, True)
         if not polish(self._legs, unknowns, across[-1], problem):
             return None
         way = unknowns[size:] - self._inputs

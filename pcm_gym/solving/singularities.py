@@ -10,8 +10,9 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pcm_gym.arrays import Array, Mask
+from pcm_gym.arrays import Array
 from pcm_gym.kernels.branches import curves as tracing
+from pcm_gym.kernels.branches.problem import Problem, inputs_as_parameters
 from pcm_gym.kernels.branches.singularity import FORWARD, INVERSE, fold_sides
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -27,7 +28,8 @@ from pcm_gym.mechanism.validation import (
 )
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.progress import progress_bars
-from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
+from pcm_gym.solving.singular_curve import SingularCurve
+from pcm_gym.solving.traced import Traced, trace
 
 _TURN = 2.0 * math.pi
 # Cells of the grid along each coordinate, of inputs and of poses.
@@ -36,14 +38,8 @@ _FORWARD_GRID, _INVERSE_GRID, _MOST_GRID = 8, 16, 1000
 _GRID_SHIFT = 0.382
 # On a line equilibria are followed up to this multiple of the largest load, beyond which they may turn and come back.
 _LINE_REACH = 1.5
-# Points of a curve that are computed in one call of compiled code, and in all.
-_POINTS_AT_ONCE, _MOST_POINTS = 1 << 9, 1 << 20
 # The indices beside a fold are looked up at this distance from it, at so many places.
 _SIDE_DISTANCE, _SIDE_SAMPLES = 1e-4, 15
-
-
-# The kernels' codes, in their order.
-_ENDS = (CurveEnd.CLOSED, CurveEnd.LARGEST_LOAD, CurveEnd.BOUNDS, CurveEnd.SOLVER_FAILURE)
 
 
 class Window(TypedDict, total=False):
@@ -74,7 +70,7 @@ def forward_singularities(
     load : array_like (d,), optional
         Load on the end-effector, N and N m; none by default.
     rho_max : float
-        Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.
+        Largest dimensionless load ``L sqrt(|f| / EI)`` of any rod, up to 30.
     index : int, optional
         Only folds between this Morse index and the next; 0 gives the limits of stability.
     progress : bool
@@ -144,16 +140,6 @@ def inverse_singularities(
 
 
 @dataclass(frozen=True)
-class _Traced:
-    """A curve in the unknowns (state, inputs), traced to both sides of a point."""
-
-    path: Array
-    tangents: Array
-    marks: Mask
-    ends: tuple[CurveEnd, CurveEnd]
-
-
-@dataclass(frozen=True)
 class _Search:
     """The search for all singular curves in a plane of inputs or of poses."""
 
@@ -212,7 +198,7 @@ class _Search:
     def run(self, index: int | None, progress: bool) -> tuple[SingularCurve, ...]:
         """Return all curves; of folds, where `index` is given, only those between it and the next."""
         counts = [len(axis) for axis in self.axes]
-        found: list[_Traced] = []
+        found: list[Traced] = []
         nodes: dict[tuple[int, int], list[Array]] = {}
         lines = [(across, n) for across in range(2) for n in range(counts[across])]
         with progress_bars("singularities", progress) as bars:
@@ -242,18 +228,18 @@ class _Search:
             if index is None or found.index in (index, index + 1)
         ]
 
-    def _search_line(self, fixed: int, starts: list[Array], index: int | None, found: list[_Traced]) -> None:
+    def _search_line(self, fixed: int, starts: list[Array], index: int | None, found: list[Traced]) -> None:
         """Follow the equilibria on a line through their folds; add the curves through these to those found."""
         line, singular = self._problem(fixed), self._problem()
         legs = self.mechanism.leg_table
         while starts:
-            branch = self._trace(line, starts.pop())
+            branch = trace(legs, line, starts.pop())
             starts[:] = [y for y in starts if not tracing.is_on_path(legs, y, line, branch.path, branch.tangents)]
             for seed in branch.path[branch.marks]:
                 if self._is_wanted(seed, index) and not any(
                     tracing.is_on_path(legs, seed, singular, curve.path, curve.tangents) for curve in found
                 ):
-                    found.append(self._trace(singular, seed))
+                    found.append(trace(legs, singular, seed))
 
     def _is_wanted(self, seed: Array, index: int | None) -> bool:
         inputs = seed[self.mechanism.state_size :]
@@ -266,7 +252,7 @@ class _Search:
             return False
         return index is None or fold_sides(self.mechanism.leg_table, seed, _SIDE_DISTANCE) == (index, index + 1)
 
-    def _problem(self, fixed: int | None = None) -> tracing.Problem:
+    def _problem(self, fixed: int | None = None) -> Problem:
         """Return the problem of the singular curves, or that of the equilibria with one free coordinate fixed.
 
         The inputs of an inverse problem may leave their range on a line, and come back.
@@ -282,8 +268,8 @@ class _Search:
             box[pose:size, :2] = self.window[:, :2]
         kept = [first + k for k in (*self.held, *([fixed] if fixed is not None else []))]
         box[kept, :2] = -math.inf, math.inf
-        return tracing.Problem(
-            load=mechanism.units.kernel_from_load(self.load),
+        return Problem(
+            parameters=inputs_as_parameters(mechanism.units.kernel_from_load(self.load)),
             conditions=np.eye(size + mechanism.leg_count)[kept],
             box=box,
             rho_max=self.rho_max * (_LINE_REACH if is_line else 1.0),
@@ -291,36 +277,7 @@ class _Search:
             is_singular=not is_line,
         )
 
-    def _trace(self, problem: tracing.Problem, y: Array) -> _Traced:
-        path, tangents, marks, end = self._trace_side(problem, y, 1.0)
-        if end is CurveEnd.CLOSED:
-            return _Traced(path, tangents, marks, (end, end))
-        path_before, tangents_before, marks_before, end_before = self._trace_side(problem, y, -1.0)
-        return _Traced(
-            np.vstack([path_before[:0:-1], path]),
-            np.vstack([-tangents_before[:0:-1], tangents]),
-            np.append(marks_before[:0:-1], marks),
-            (end_before, end),
-        )
-
-    def _trace_side(self, problem: tracing.Problem, y: Array, sign: float) -> tuple[Array, Array, Mask, CurveEnd]:
-        legs, stage, end = self.mechanism.leg_table, np.empty(3), CurveEnd.SOLVER_FAILURE
-        paths, tangents, marks = [y[np.newaxis]], [np.empty((1, y.size))], [np.zeros(1, np.bool_)]
-        if not tracing.begin_trace(legs, y, sign, problem, tangents[0][0], stage):
-            return paths[0].copy(), tangents[0], marks[0], end
-        while stage[2] < _MOST_POINTS:
-            path, directions = np.empty((_POINTS_AT_ONCE, y.size)), np.empty((_POINTS_AT_ONCE, y.size))
-            path[0], directions[0], is_marked = paths[-1][-1], tangents[-1][-1], np.empty(_POINTS_AT_ONCE, np.bool_)
-            count, code = tracing.trace(legs, y, problem, stage, path, directions, is_marked)
-            paths.append(path[1:count])
-            tangents.append(directions[1:count])
-            marks.append(is_marked[1:count])
-            if code != tracing.GOES_ON:
-                end = _ENDS[code]
-                break
-        return np.concatenate(paths), np.concatenate(tangents), np.concatenate(marks), end
-
-    def _curve(self, traced: _Traced) -> SingularCurve:
+    def _curve(self, traced: Traced) -> SingularCurve:
         size, units = self.mechanism.state_size, self.mechanism.units
         return SingularCurve(
             self.mechanism,
@@ -335,7 +292,7 @@ class _Search:
             self._indices(traced) if self.is_forward else None,
         )
 
-    def _indices(self, traced: _Traced) -> tuple[int, int]:
+    def _indices(self, traced: Traced) -> tuple[int, int]:
         """Return the indices on the two sides of a fold: constant along the curve, but doubtful near its cusps."""
         places = np.linspace(0, len(traced.path) - 1, _SIDE_SAMPLES).astype(int)
         sides = Counter(fold_sides(self.mechanism.leg_table, traced.path[k], _SIDE_DISTANCE) for k in places)

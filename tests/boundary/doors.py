@@ -285,6 +285,11 @@ def _of_charts() -> Iterator[Door]:
     free = ("ends", "indices")  # told, not used
     yield Door("SingularCurve", pcm_gym.SingularCurve, fields, ("load", "states", "inputs", "tangents"), free)
     yield Door("SingularCurve.equilibrium", curves()[-1].equilibrium, {"k": 3})
+    line = {"inputs": np.array([[0.0, 0.0], [0.125, 0.0625]]), "load": np.zeros(2)}
+    drawn: dict[str, Any] = {"mechanism": own, "along": line, "rho_max": 4.0, "slices": 1, "certify": False}
+    drawn |= {"progress": False}
+    yield Door("bifurcation_diagram", lambda **given: pcm_gym.bifurcation_diagram(**given).points, drawn)
+    yield Door("BifurcationDiagram.at", pcm_gym.bifurcation_diagram(**drawn).at, {"fraction": 0.25})
     yield Door("find_crossings", pcm_gym.find_crossings, {"curves": curves()[-2:]})
     yield Door("load_atlas", pcm_gym.load_atlas, {"path": "/nowhere"})
     yield Door("load_policy", pcm_gym.load_policy, {"source": "/nowhere.npz", "difficulty": "none", "kind": "best"})

@@ -32,6 +32,7 @@ EXEMPT = {
 }
 # What the package hands out; made by hand, the kinds of the parts are checked.
 TOLD: tuple[str, ...] = (
+    "BifurcationDiagram",
     "Branch",
     "Certificate",
     "CriticalLoad",
@@ -44,7 +45,7 @@ TOLD: tuple[str, ...] = (
     "Preview",
     "Snap",
 )
-TOLD += ("TrackedStep", "UndecidedRegion")
+TOLD += ("SpecialPoint", "TrackedStep", "UndecidedRegion")
 
 
 def public_callables() -> set[str]:

@@ -208,3 +208,28 @@ def test_interruption_and_unknown_mistakes_have_codes_of_their_own(
         ended = shell("fk", "2RFR")
         assert ended.code == code
         assert ended.errors or code == 130
+
+
+def test_diagram_tells_the_folds_that_tracking_meets(shell: Shell, tmp_path: Path) -> None:
+    line = ("diagram", "2RFR", "--inputs", "120deg,60deg", "--to", "206deg,100deg")
+    told = shell(*line, "--slices", 6, "--json").content
+    folds = [point for point in told["points"] if sorted(point["indices"]) == [0, 1]]
+    assert folds
+    assert all(point["kind"] == "fold" for point in told["points"])
+    mechanism = pcm_gym.get_mechanism("2RFR")
+    first, last = np.radians([[120.0, 60.0], [206.0, 100.0]])
+    events = []
+    for start in pcm_gym.solve_forward(mechanism, first).stable:
+        step = pcm_gym.BranchTracker(mechanism, start).step(last)
+        if step.event == pcm_gym.Event.FOLD:
+            events.append(step.fraction)
+    for start in pcm_gym.solve_forward(mechanism, last).stable:
+        step = pcm_gym.BranchTracker(mechanism, start).step(first)
+        if step.event == pcm_gym.Event.FOLD:
+            events.append(1.0 - step.fraction)
+    np.testing.assert_allclose(sorted(point["fraction"] for point in folds), sorted(events), atol=1e-7)
+    shown = shell(*line, "--slices", 6, "--out", tmp_path / "diagram.svg", "--ordinate", "y")
+    assert f"{len(told['branches'])} branches" in shown.output
+    root = ElementTree.parse(tmp_path / "diagram.svg").getroot()
+    marks = [element for element in root.iter() if element.tag.endswith("circle")]
+    assert len(marks) == len(told["points"])

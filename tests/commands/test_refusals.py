@@ -159,3 +159,18 @@ def test_every_command_of_the_agents_is_one_of_the_checkout() -> None:
 
     names = {command.name or command.callback.__name__ for command in app.registered_commands if command.callback}
     assert names == {own.name for own in checkout.COMMANDS if own.module == "agents.commands.app"}
+
+
+def test_explore_says_what_to_install(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    monkeypatch.delitem(sys.modules, "pcm_gym.explorer.server", raising=False)
+    for name in [name for name in sys.modules if name.startswith("websockets.")]:
+        monkeypatch.delitem(sys.modules, name)
+    ended = shell("explore", "--no-browser")
+    assert ended.code == 1
+    assert "pcm_gym[explore]" in ended.errors
+
+
+def test_diagram_needs_an_end_and_a_picture_that_it_can_draw(shell: Shell) -> None:
+    assert shell("diagram", "2RFR").code == 2
+    assert shell("diagram", "2RFR", "--to", "1,1", "--out", "diagram.png").code == 1

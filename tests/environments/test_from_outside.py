@@ -132,7 +132,7 @@ def test_score_of_a_task_is_reward_and_success(lift_id: str) -> None:
     """Whoever gets up and stays there succeeds, in the step in which the height is held for the third time."""
     env = make_bare(lift_id, difficulty=None)
     rows: list[tuple[bool, bool]] = []
-    env.reset(seed=0)
+    env.reset(seed=1)
     while len(rows) < 60:
         slope = env.equilibrium.forward_jacobian[1]
         observation, reward, _, _, info = env.step(0.5 * slope / np.abs(slope).max())

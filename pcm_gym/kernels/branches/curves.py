@@ -1,8 +1,9 @@
 """Tracing curves of equilibria in (state, inputs): of singular ones, or of all along a line, through folds and cusps.
 
 A curve is what the residual, the linear conditions of the problem and, for singular states, their condition leave of
-the unknowns y = (x, inputs). It is followed by the steps of `tracer`, whose length is governed by the tangent's turn.
-In these unknowns it is smooth also where its projection to inputs or poses folds or has a cusp.
+the unknowns y = (x, p), the state and the inputs; or the state and the one parameter of a way, a straight line in
+inputs and load. It is followed by the steps of `tracer`, whose length is governed by the tangent's turn. In these
+unknowns it is smooth also where its projection to inputs, poses or parameter folds or has a cusp.
 """
 
 import math
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
+from pcm_gym.kernels.branches.problem import Problem
 from pcm_gym.kernels.branches.singularity import FORWARD, metric_length, set_normal, singularity
 from pcm_gym.kernels.branches.tracer import (
     REGULAR,
@@ -30,15 +32,14 @@ from pcm_gym.kernels.branches.tracer import (
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.newton import NewtonRules
+from pcm_gym.kernels.statics.stability import assess_stability
 
 # How a curve ended, or that it did not.
 CLOSED, LARGEST_LOAD, OUT_OF_BOX, FAILED = range(4)
 GOES_ON = -1
 # What may change its sign within a step: room in the box and under the largest load, the singularity of a state on a
-# line, or the direction of a singular curve's projection.
+# line, or the direction of a singular curve's projection or of a way's parameter.
 _ROOM, _SINGULARITY, _DIRECTION = range(3)
-# Pairs of segments that are looked at in one call of compiled code.
-_PAIRS_AT_ONCE = 1 << 24
 
 
 class CurveRules(NamedTuple):
@@ -59,22 +60,14 @@ class CurveRules(NamedTuple):
     # speed all along is a point.
     cusp_speed: float = 1e-2
     least_speed: float = 1e-9
+    # Between two points of a way its parameter is foreseen to slow down to no less than this part of its speed there.
+    least_slowdown: float = 0.25
+    beside: float = 1e-5  # how far from a branch point its branch is followed in its stead
 
 
 _STEP_RULES = NewtonRules(first_correction=0.02, contraction=0.2, iterations=8)
 _RULES = CurveRules()
 _SIGN_RULES = BracketRules(trials=80, bisect_every=4, least_part=1e-3, weight=0.5, tolerance=1e-13)
-
-
-class Problem(NamedTuple):
-    """Which curve is traced."""
-
-    load: Array  # (d,)
-    conditions: Array  # (k, size + legs): linear functions of the unknowns that stay constant
-    box: Array  # (size + legs, 3): least and largest value of each unknown, and its period (0: none)
-    rho_max: float
-    kind: int  # of the singularity: FORWARD or INVERSE
-    is_singular: bool  # whether its states are singular, or those of a line are watched for singular ones
 
 
 class _Curve(NamedTuple):
@@ -83,22 +76,30 @@ class _Curve(NamedTuple):
     problem: Problem
     tracer: Tracer
     work: Workspace
-    change: Array  # (size + legs,)
-    direction: Array  # (size + legs,): of a projection, whose sign is watched
+    change: Array  # (size + m,)
+    direction: Array  # (size + m,): of a projection, whose sign is watched
     normal: Array  # (legs,): normal of the projected curve at the last point
     trial_normal: Array
+    morse_index: Integers  # (1,): at the last point of a way
 
 
 @kernel
 def _make_curve(legs: Array, problem: Problem) -> _Curve:
-    leg_count, count = legs.shape[0], problem.box.shape[0]
+    leg_count, own = legs.shape[0], problem.parameters
+    count, size = problem.box.shape[0], 2 * leg_count + own.load.shape[0]
     kind = problem.kind if problem.is_singular else REGULAR
-    t = make_tracer(leg_count, count - leg_count, problem.conditions.copy(), kind, False)
-    t.first_load[:] = problem.load
-    for i in range(leg_count):
-        t.input_rates[i, i] = 1.0
-    work = make_workspace(leg_count, count - leg_count)
-    return _Curve(problem, t, work, np.zeros(count), np.zeros(count), np.zeros(leg_count), np.zeros(leg_count))
+    t = make_tracer(leg_count, size, problem.conditions.copy(), kind, False)
+    t.first_inputs[:], t.first_load[:] = own.inputs, own.load
+    t.input_rates[:], t.load_rates[:] = own.input_rates, own.load_rates
+    normals, index = np.zeros((2, leg_count)), np.zeros(1, dtype=np.int64)
+    work = make_workspace(leg_count, size)
+    return _Curve(problem, t, work, np.zeros(count), np.zeros(count), normals[0], normals[1], index)
+
+
+@kernel
+def _is_way(problem: Problem) -> bool:
+    """Return whether the curve is of all equilibria along one way; what its parameter does is watched, too."""
+    return bool(problem.parameters.input_rates.shape[0] == 1)
 
 
 @kernel
@@ -110,6 +111,8 @@ def _go_on(legs: Array, y: Array, tangent: Array, curve: _Curve) -> None:
     accept(legs, t, curve.work)
     if curve.problem.is_singular:
         set_normal(legs, y, curve.problem.kind, curve.work, curve.normal)
+    elif _is_way(curve.problem):
+        curve.morse_index[0] = assess_stability(legs, t.x, curve.work).morse_index
 
 
 @kernel
@@ -143,10 +146,11 @@ def _room(legs: Array, y: Array, problem: Problem) -> float:
 
 
 @kernel
-def _projected(legs: Array, tangent: Array, other: Array, kind: int) -> float:
-    """Return the product of two tangents' projections: to inputs for forward singularities, else to poses."""
-    pose, size = 2 * legs.shape[0], tangent.shape[0] - legs.shape[0]
-    first, last = (size, tangent.shape[0]) if kind == FORWARD else (pose, size)
+def _projected(tangent: Array, other: Array, problem: Problem) -> float:
+    """Return the product of two tangents' projections: to parameters for forward singularities, else to poses."""
+    pose = 2 * problem.parameters.inputs.shape[0]
+    size = pose + problem.parameters.load.shape[0]
+    first, last = (size, tangent.shape[0]) if problem.kind == FORWARD else (pose, size)
     product = 0.0
     for k in range(first, last):
         product += tangent[k] * other[k]
@@ -162,7 +166,7 @@ def _watched(legs: Array, watch: int, curve: _Curve) -> float:
     if watch == _SINGULARITY:
         place_at(legs, t.trial, t, curve.work)
         return singularity(legs, t.trial_x, problem.kind, curve.work)
-    return _projected(legs, t.trial_tangent, curve.direction, problem.kind)
+    return _projected(t.trial_tangent, curve.direction, problem)
 
 
 @kernel
@@ -175,12 +179,25 @@ def _locate(legs: Array, watch: int, arc: float, first: float, second: float, cu
     for number in range(rules.trials):
         middle = next_trial(bracket, number, rules)
         if not move(legs, middle, _STEP_RULES, curve.tracer, curve.work):
-            return 0.0
+            return middle if _is_way(curve.problem) and _bridge(legs, middle, curve) else 0.0
         value = _watched(legs, watch, curve)
         bracket = narrowed(bracket, middle, value, rules)
         if bracket.high - bracket.low < rules.tolerance or value == 0.0:
             break
     return middle
+
+
+@kernel
+def _bridge(legs: Array, arc: float, curve: _Curve) -> bool:
+    """Move to the middle between two points beside `arc`: where branches cross, no correction succeeds."""
+    t, beside = curve.tracer, min(_RULES.beside, 0.1 * arc)
+    if not move(legs, arc - beside, _STEP_RULES, t, curve.work):
+        return False
+    trial, tangent = t.trial.copy(), t.trial_tangent.copy()
+    if not move(legs, arc + beside, _STEP_RULES, t, curve.work):
+        return False
+    t.trial[:], t.trial_tangent[:] = 0.5 * (t.trial + trial), 0.5 * (t.trial_tangent + tangent)
+    return True
 
 
 @kernel
@@ -218,10 +235,42 @@ def _step(legs: Array, arc: float, curve: _Curve) -> tuple[float, float]:
     while arc > _RULES.least_arc:
         if move(legs, arc, _STEP_RULES, t, curve.work):
             turn = math.acos(min(max(cosine_of_turn(legs, t, curve.work), -1.0), 1.0))
-            if turn < _RULES.largest_turn and (not curve.problem.is_singular or _sees_cusps(legs, arc, curve)):
+            if turn < _RULES.largest_turn and _sees_all(legs, arc, curve):
                 return arc, turn
         arc *= 0.5
     return 0.0, 0.0
+
+
+@kernel
+def _sees_all(legs: Array, arc: float, curve: _Curve) -> bool:
+    """Return whether the step to the trial is so short that all that is marked on it shows at its ends."""
+    if curve.problem.is_singular:
+        return _sees_cusps(legs, arc, curve)
+    return not _is_way(curve.problem) or arc < _RULES.first_arc or _sees_folds(legs, arc, curve)
+
+
+@kernel
+def _sees_folds(legs: Array, arc: float, curve: _Curve) -> bool:
+    """Return whether the step to the trial meets one fold, or one change of index, or neither, but no more.
+
+    Where the parameter turns round the index changes by one; the double zero of a branch point on a branch that turns
+    round there is left to the shortest steps. Where it does not, the cubic through both ends must not slow down much:
+    two folds would be near.
+    """
+    t = curve.tracer
+    jump = abs(assess_stability(legs, t.trial_x, curve.work).morse_index - curve.morse_index[0])
+    first, last = t.tangent[-1], t.trial_tangent[-1]
+    if first * last < 0.0:
+        return bool(jump == 1)
+    if jump > 1:
+        return False
+    rise = (t.trial[-1] - t.y[-1]) / arc
+    linear, squared = 6.0 * rise - 4.0 * first - 2.0 * last, 3.0 * (first + last - 2.0 * rise)
+    place = -0.5 * linear / squared if squared != 0.0 else 0.0
+    if not 0.0 < place < 1.0:
+        return True
+    least = (first + place * (linear + place * squared)) * math.copysign(1.0, first + last)
+    return bool(least > _RULES.least_slowdown * min(abs(first), abs(last)))
 
 
 @kernel
@@ -256,23 +305,29 @@ def _end_step(legs: Array, arc: float, first: Array, may_close: bool, curve: _Cu
 def _mark_step(legs: Array, arc: float, value: float, curve: _Curve) -> tuple[bool, float]:
     """Move to the singular state of a line, or to the cusp, within the step of `arc`; return whether there is one.
 
-    `value` is the singularity before the step, the second result that at its end.
+    `value` is the singularity before the step, the second result that at its end. On a way it may also be zero without
+    a change of sign: where a branch turns round at a branch point.
     """
-    t, direction, kind = curve.tracer, curve.direction, curve.problem.kind
-    if not curve.problem.is_singular:
+    t, direction, problem = curve.tracer, curve.direction, curve.problem
+    if not problem.is_singular:
         after = _watched(legs, _SINGULARITY, curve)
-        if value * after >= 0.0:
+        if value * after < 0.0:
+            return _locate(legs, _SINGULARITY, arc, value, after, curve) > 0.0, after
+        first, second = t.tangent[-1], t.trial_tangent[-1]
+        if not _is_way(problem) or first * second >= 0.0:
             return False, after
-        return _locate(legs, _SINGULARITY, arc, value, after, curve) > 0.0, after
-    if _projected(legs, t.tangent, t.trial_tangent, kind) >= 0.0:
+        direction[:] = 0.0
+        direction[-1] = 1.0
+        return _locate(legs, _DIRECTION, arc, first, second, curve) > 0.0, after
+    if _projected(t.tangent, t.trial_tangent, problem) >= 0.0:
         return False, value
     direction[:] = t.tangent - t.trial_tangent
-    first, second = _projected(legs, t.tangent, direction, kind), _projected(legs, t.trial_tangent, direction, kind)
-    speed = math.sqrt(_projected(legs, direction, direction, kind))
+    first, second = _projected(t.tangent, direction, problem), _projected(t.trial_tangent, direction, problem)
+    speed = math.sqrt(_projected(direction, direction, problem))
     if speed < _RULES.least_speed:
         return False, value
     is_found = _locate(legs, _DIRECTION, arc, first, second, curve) > 0.0
-    left = math.sqrt(_projected(legs, t.trial_tangent, t.trial_tangent, kind))
+    left = math.sqrt(_projected(t.trial_tangent, t.trial_tangent, problem))
     return is_found and left < _RULES.cusp_speed * speed, value
 
 
@@ -288,7 +343,7 @@ def begin_trace(legs: Array, y: Array, sign: float, problem: Problem, tangent: A
     tangent[:] = curve.tracer.tangent
     stage[0], stage[1], stage[2] = (
         _RULES.first_arc,
-        singularity(legs, y[: y.shape[0] - legs.shape[0]], problem.kind, curve.work),
+        singularity(legs, curve.tracer.x, problem.kind, curve.work),
         1.0,
     )
     return True
@@ -298,7 +353,7 @@ def begin_trace(legs: Array, y: Array, sign: float, problem: Problem, tangent: A
 def trace(
     legs: Array, first: Array, problem: Problem, stage: Array, path: Array, tangents: Array, marks: Mask
 ) -> tuple[int, int]:
-    """Go on tracing the curve that began in `first`; fill `path` and `tangents` (m, size + legs) and `marks` (m,).
+    """Go on tracing the curve that began in `first`; fill `path` and `tangents` (n, size + m) and `marks` (n,).
 
     Row 0 holds the last point so far, and its tangent. Marked are the singular states on a line and the cusps of a
     singular curve's projection. Returns the number of rows, row 0 included, and how the curve ended; `GOES_ON` if there
@@ -376,40 +431,3 @@ def polish(legs: Array, y: Array, last_condition: Array, problem: Problem) -> bo
     is_found = correct(legs, 0.0, _STEP_RULES, curve.tracer, curve.work)
     y[:] = curve.tracer.trial
     return is_found
-
-
-@kernel
-def crossing_segments(
-    first: Array, second: Array, periods: Array, is_same: bool, start: int, pairs: Integers
-) -> tuple[int, int]:
-    """Find segments of two polylines (m, 2) in a plane, periodic where `periods` (2,) is not 0, that cross.
-
-    Puts their numbers into `pairs` (k, 2) and returns how many there are, more than k if there is no room for all. A
-    call looks at some segments of the first polyline, beginning with `start`, and returns also which is the next. Of
-    one polyline with itself neighbouring segments are left out.
-    """
-    count, shift = 0, np.zeros(2)
-    end = min(start + 1 + _PAIRS_AT_ONCE // second.shape[0], first.shape[0] - 1)
-    for k in range(start, end):
-        for n in range(k + 2 if is_same else 0, second.shape[0] - 1):
-            is_near = True
-            for d in range(2):
-                gap = second[n, d] - first[k, d]
-                shift[d] = periods[d] * round(gap / periods[d]) if periods[d] > 0.0 else 0.0
-                reach = abs(first[k + 1, d] - first[k, d]) + abs(second[n + 1, d] - second[n, d])
-                is_near = is_near and abs(gap - shift[d]) <= reach
-            if is_near and _cross(first[k], first[k + 1], second[n] - shift, second[n + 1] - shift):
-                if count < pairs.shape[0]:
-                    pairs[count, 0], pairs[count, 1] = k, n
-                count += 1
-    return count, end
-
-
-@kernel
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    return bool(_side(a, b, c) * _side(a, b, d) <= 0.0 and _side(c, d, a) * _side(c, d, b) <= 0.0)
-
-
-@kernel
-def _side(a: Array, b: Array, point: Array) -> float:
-    return float((b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]))
