@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -14,7 +14,7 @@ from agents.experiments.learners import learner_names
 from agents.learners.settings import Count, Section, name_in
 from pcm_gym.references import REFERENCES
 
-_ALL = "all"
+_ALL: Final = "all"
 # Training is on episodes of this split; the evaluation chooses the other one by itself.
 _TRAINING = "train"
 

@@ -9,7 +9,8 @@ import traceback
 from collections.abc import Callable, Sequence
 from itertools import islice
 from multiprocessing.connection import wait
-from multiprocessing.process import BaseProcess, parent_process
+from multiprocessing.context import SpawnProcess
+from multiprocessing.process import parent_process
 from pathlib import Path
 from types import FrameType
 
@@ -45,7 +46,7 @@ def run_cells(
         Passed on, after those under way have saved where they are.
     """
     waiting = iter(cells)
-    running: dict[int, tuple[BaseProcess, Cell]] = {}
+    running: dict[int, tuple[SpawnProcess, Cell]] = {}
     try:
         while True:
             for cell in islice(waiting, jobs - len(running)):

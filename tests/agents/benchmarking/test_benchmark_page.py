@@ -37,7 +37,7 @@ def folder(config: BenchmarkConfig) -> ResultsFolder:
 
 
 def result(cell: Cell, **changes: Any) -> CellResult:
-    content = {
+    content: dict[str, Any] = {
         "id": cell.tier.id,
         "tier": cell.tier.name,
         "learner": cell.learner,
