@@ -100,7 +100,7 @@ def test_the_page_says_what_is_there_what_is_missing_and_why(config: BenchmarkCo
     # of three values none is cut away at either end: their middle half is all of them
     assert re.search(r"\| ppo \| 1 \| 3 \| 40\.0 \[\d+\.\d, \d+\.\d\] \| 75\.0 \[75\.0, 75\.0\] \|", text)
     assert "| planner | 1 | 1 | 100.0 | 75.0 |" in text
-    assert text.index("| planner | 1") < text.index("| ppo | 1")
+    assert text.index("| planner | 1 | 1 |") < text.index("| ppo | 1 | 3 |")
 
 
 def test_what_the_page_shows_as_a_result_to_hand_in_is_one(config: BenchmarkConfig, folder: ResultsFolder) -> None:
