@@ -126,6 +126,7 @@ def test_killed_at_random_moments_it_comes_to_the_same(undisturbed: Path, tmp_pa
 
 @pytest.mark.slow
 def test_an_interruption_ends_it_with_a_sentence(tmp_path: Path) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts this in the background ignores it
     process = start(tmp_path)
     log = log_of(load_benchmark(write(tmp_path)).cells()[0], Asked(tmp_path / "runs" / "x", EPISODES))
     while not log.exists():  # until then nothing has begun that could be interrupted
