@@ -123,7 +123,7 @@ def explored(name: str) -> Iterator[str]:
         yield next(word for word in said.split() if word.startswith("http"))
     finally:
         process.terminate()
-        process.wait(_PATIENCE)
+        process.communicate(timeout=_PATIENCE)
 
 
 def has_browser() -> bool:
@@ -144,7 +144,7 @@ def browsed(address: str, width: int = 1280, height: int = 1000) -> Iterator[Pag
         process = subprocess.Popen(
             [name, *options, f"--user-data-dir={folder}", "about:blank"],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
         try:
             port = _debugging_port(Path(folder))
