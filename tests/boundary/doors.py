@@ -18,7 +18,7 @@ from pcm_gym.environments.single import MechanismEnv
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.policies.network import Layer, Network
 from pcm_gym.solving.raster import Raster
-from pcm_gym.tasks import Reach
+from pcm_gym.tasks import TASKS, Reach
 
 # Names that errors use for an argument beside its own.
 ALIASES = {
@@ -477,17 +477,24 @@ def _with_budget(tests: float) -> float:
 
 
 def _of_registration() -> Iterator[Door]:
-    def register(**given: Any) -> Any:
-        before = dict(gymnasium.registry)
-        try:
-            return pcm_gym.register_environment(**given)
-        finally:
-            gymnasium.registry.clear()
-            gymnasium.registry.update(before)
+    def undone(call: Callable[..., Any], table: dict[str, Any]) -> Callable[..., Any]:
+        """The same, after which the table is as it was."""
+
+        def called(**given: Any) -> Any:
+            before = dict(table)
+            try:
+                return call(**given)
+            finally:
+                table.clear()
+                table.update(before)
+
+        return called
+
+    register = undone(pcm_gym.register_environment, gymnasium.registry)
 
     registered = {"environment_id": "Test/Boundary-v0", "mechanism": "2RFR", "task": "Reach", "time_limit": 10}
     yield Door("register_environment", register, registered)
     yield Door("search_budget", _with_budget, {"tests": 1e6})
     yield Door("register_environments", registration.register_environments)
     yield Door("environment_ids", pcm_gym.environment_ids)
-    yield Door("register_task", pcm_gym.register_task, {"task": Reach, "name": "Reach"})
+    yield Door("register_task", undone(pcm_gym.register_task, TASKS), {"task": Reach, "name": "Reach"})
