@@ -1,11 +1,12 @@
 """How commands tell what they found: as JSON for scripts, or as lines and tables."""
 
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from pcm_gym.plain import plain
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -15,19 +16,7 @@ if TYPE_CHECKING:
 
 def print_json(content: Any) -> None:
     """Print data as JSON: arrays as lists, and null for what is no finite number."""
-    typer.echo(json.dumps(_plain(content), indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(own) for key, own in value.items()}
-    if hasattr(value, "tolist"):  # an array or a number of NumPy
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(own) for own in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
 def print_lines(entries: Mapping[str, Any]) -> None:

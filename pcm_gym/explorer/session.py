@@ -15,11 +15,11 @@ from pcm_gym.explorer.views import (
     folds_view,
     json_text,
     mechanism_view,
-    plain,
     python_lines,
 )
 from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
 from pcm_gym.mechanism.text import mechanism_from_json
+from pcm_gym.plain import plain
 from pcm_gym.rendering.vector import equilibrium_svg
 from pcm_gym.solving import (
     BifurcationDiagram,

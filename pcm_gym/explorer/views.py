@@ -10,6 +10,7 @@ import numpy as np
 from pcm_gym.arrays import Array
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.text import mechanism_to_json
+from pcm_gym.plain import plain
 from pcm_gym.rendering.camera import rail_ends, reach_bounds
 from pcm_gym.rendering.polylines import equilibrium_polylines
 from pcm_gym.solving import BifurcationDiagram, Equilibrium, SingularCurve
@@ -20,19 +21,6 @@ Data = dict[str, Any]
 _POINTS, _DIGITS = 41, 6
 _MOST_VERTICES = 400  # of a curve of folds
 _ALWAYS_KNOWN = 9.0
-
-
-def plain(value: Any) -> Any:
-    """Return data as JSON takes it."""
-    if isinstance(value, dict):
-        return {key: plain(own) for key, own in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist() if np.isfinite(value).all() else plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(own) for own in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
 
 
 def mechanism_view(mechanism: Mechanism) -> Data:
