@@ -59,9 +59,16 @@ def advance(
         return _stand_still(legs, point, NONE, 1.0, work)
     if behaviour == SNAP:
         return _advance_snapping(legs, point, target, falls, line, work)
+    if behaviour == CONTINUE:
+        return _advance_continuing(legs, point, target, line, work)
+    return track(legs, point, target, point.load, False, line, work)
+
+
+@kernel
+def _advance_continuing(legs: Array, point: Point, target: Array, line: Tracer, work: Workspace) -> Tracked:
     first = Point(point.x.copy(), point.inputs.copy(), point.load)
     tracked = track(legs, point, target, point.load, False, line, work)
-    if behaviour != CONTINUE or tracked.event != INDEX_CHANGE:
+    if tracked.event != INDEX_CHANGE:
         return tracked
     point.x[:], point.inputs[:] = first.x, first.inputs  # which tells where the branch leads; a bifurcation does not
     tracked = track(legs, point, target, point.load, True, line, work)
