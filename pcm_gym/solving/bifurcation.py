@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from pcm_gym.kernels.branches.ways import (
     describe_way,
 )
 from pcm_gym.kernels.numerics.slices import slices as parts
-from pcm_gym.kernels.statics.states import are_same
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
     finite_array,
@@ -37,7 +37,6 @@ from pcm_gym.mechanism.validation import (
 from pcm_gym.solving.branch_points import Crossing, crossing_at, points_beside
 from pcm_gym.solving.diagram import BifurcationDiagram, DiagramBranch, Slice, SpecialKind, SpecialPoint, Way
 from pcm_gym.solving.enumeration import solve_forward
-from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.progress import progress_bars
 from pcm_gym.solving.singular_curve import CurveEnd
 from pcm_gym.solving.traced import Traced, trace
@@ -141,8 +140,9 @@ class _Search:
     branches: list[DiagramBranch] = field(default_factory=list)
     crossings: list[dict[int, Crossing]] = field(default_factory=list)  # of each branch, by vertex
 
-    @property
+    @cached_property
     def problem(self) -> Problem:
+        """The curves that are followed."""
         return self.way.problem(_REACH * self.rho_max)
 
     def examine(self, fraction: float, *, certify: bool) -> Slice:
@@ -154,10 +154,10 @@ class _Search:
         unfollowed = []
         for equilibrium in found:
             y = np.append(equilibrium.state, fraction * way.length)
-            if self._is_among(equilibrium.state, known) or self._is_on_any(y):
+            if self.way.is_among(equilibrium.state, known) or self._is_on_any(y):
                 continue
             known += [own for branch in self._follow(y) for own in branch.at(fraction)]
-            if not (self._is_among(equilibrium.state, known) or self._is_on_any(y)):
+            if not (self.way.is_among(equilibrium.state, known) or self._is_on_any(y)):
                 unfollowed.append(equilibrium)
         is_proved = found.certificate is not None and found.certificate.is_proved
         return Slice(fraction, len(found), is_proved, tuple(unfollowed))
@@ -175,10 +175,6 @@ class _Search:
         points = _special_points(ordered, [crossings[n] for n in order])
         return BifurcationDiagram(self.way, self.rho_max, ordered, points, found)
 
-    def _is_among(self, state: Array, known: list[Equilibrium]) -> bool:
-        legs = self.way.mechanism.leg_count
-        return any(are_same(np.array(state), np.array(own.state), legs) for own in known)
-
     def _follow(self, y: Array) -> list[DiagramBranch]:
         """Follow the branch through a point, and those that cross it, and return them."""
         legs, added, starts = self.way.mechanism.leg_table, [], [y]
@@ -195,21 +191,18 @@ class _Search:
             self.crossings.append(crossed)
             added.append(branch)
             for k, crossing in crossed.items():
-                beside = points_beside(legs, _unknowns(branch, k), crossing, self.problem)
+                beside = points_beside(legs, branch.path[k], crossing, self.problem)
                 starts += [own for own in beside if 0.0 <= own[-1] <= self.way.length]
         return added
 
     def _is_on_any(self, y: Array) -> bool:
         """Return whether a point is on a branch that was followed already."""
         legs, problem = self.way.mechanism.leg_table, self.problem
-        paths = (np.column_stack([own.states, own.fractions * self.way.length]) for own in self.branches)
-        return any(
-            is_on_path(legs, y, problem, path, own.tangents) for path, own in zip(paths, self.branches, strict=True)
-        )
+        return any(is_on_path(legs, y, problem, own.path, own.tangents) for own in self.branches)
 
     def _crossing(self, branch: DiagramBranch, k: int) -> Crossing:
-        along = _unknowns(branch, min(k + 1, len(branch) - 1)) - _unknowns(branch, max(k - 1, 0))
-        return crossing_at(self.way.mechanism.leg_table, _unknowns(branch, k), along, self.problem)
+        along = branch.path[min(k + 1, len(branch) - 1)] - branch.path[max(k - 1, 0)]
+        return crossing_at(self.way.mechanism.leg_table, branch.path[k], along, self.problem)
 
     def _with_exact_ends(self, traced: Traced) -> Traced:
         """Return a curve whose vertices at the ends of the way are there exactly, and once."""
@@ -268,7 +261,7 @@ class _Search:
     def _cut(self, branch: DiagramBranch, order: Integers, first: int, last: int) -> tuple[DiagramBranch, list[int]]:
         """Return the vertices from `first` to `last` in an order, with the points at the largest load beyond them."""
         vertices = order[first : last + 1].tolist()
-        path = [_unknowns(branch, k) for k in vertices]
+        path = [branch.path[k] for k in vertices]
         tangents = [branch.tangents[k] for k in vertices]
         ends = [branch.ends[0], branch.ends[1]]
         for side, inner, outer in ((0, first, first - 1), (-1, last, last + 1)):
@@ -286,7 +279,7 @@ class _Search:
 
     def _at_largest_load(self, branch: DiagramBranch, inner: int, is_ahead: bool) -> tuple[Array, Array] | None:
         """Return point and tangent where the branch reaches the largest load next to a vertex; None if not found."""
-        y, tangent = _unknowns(branch, inner), branch.tangents[inner].copy()
+        y, tangent = branch.path[inner], branch.tangents[inner].copy()
         beside, there = np.empty_like(y), np.empty_like(y)
         legs, sign = self.way.mechanism.leg_table, 1.0 if is_ahead else -1.0
 
@@ -302,10 +295,6 @@ class _Search:
             return None
         excess(float(brentq(excess, 0.0, arc, xtol=1e-12)))
         return beside, there
-
-
-def _unknowns(branch: DiagramBranch, k: int) -> Array:
-    return np.append(branch.states[k], branch.fractions[k] * branch.way.length)
 
 
 def _fold_indices(branch: DiagramBranch, k: int) -> tuple[int, int] | None:

@@ -1,5 +1,6 @@
 """Bifurcation diagrams: every equilibrium along a straight line in inputs and load, as curves with their folds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -95,6 +96,11 @@ class Way:
         parameters = Parameters(inputs[0].copy(), loads[0].copy(), *rates)
         return Problem(parameters, np.zeros((0, size + 1)), box, rho_max, FORWARD, False)
 
+    def is_among(self, state: Array, known: Sequence[Equilibrium]) -> bool:
+        """Return whether the kernels' `state` is that of one of some equilibria."""
+        legs = self.mechanism.leg_count
+        return any(are_same(np.array(state), np.array(own.state), legs) for own in known)
+
     def equilibrium(self, state: Array, fraction: float) -> Equilibrium:
         """Return the equilibrium with the kernels' `state` at a fraction of the way."""
         return Equilibrium.unchecked(self.mechanism, state, self.inputs_at(fraction), self.load_at(fraction))
@@ -147,6 +153,11 @@ class DiagramBranch:
         """Return the number of vertices."""
         return len(self.states)
 
+    @cached_property
+    def path(self) -> Array:
+        """The vertices in the unknowns, (n, 2 legs + d + 1): state and `Way` parameter, fraction times length."""
+        return np.column_stack([self.states, self.fractions * self.way.length])
+
     @property
     def poses(self) -> Array:
         """Poses of the end-effector, (n, d), m and rad."""
@@ -178,7 +189,7 @@ class DiagramBranch:
         ahead = self.fractions - fraction
         for k in np.flatnonzero(ahead[:-1] * ahead[1:] <= 0.0).tolist():
             state = self._between(k, fraction)
-            if state is not None and not any(_are_same(self.way, state, own.state) for own in found):
+            if state is not None and not self.way.is_among(state, found):
                 found.append(self.way.equilibrium(state, fraction))
         return tuple(found)
 
@@ -186,7 +197,7 @@ class DiagramBranch:
         """Return the state at a fraction between the vertices `k` and `k` + 1; None without one."""
         way, size = self.way, self.way.mechanism.state_size
         parameter = fraction * way.length
-        ends = np.column_stack([self.states[k : k + 2], way.length * self.fractions[k : k + 2]])
+        ends = self.path[k : k + 2]
         chord = ends[1] - ends[0]
         speed = float(np.linalg.norm(self.tangents[k : k + 2].mean(axis=0)))
         arc = float(np.linalg.norm(chord)) / max(speed, _LEAST_SPEED)
@@ -206,10 +217,6 @@ def _root(cubic: Array) -> float:
     roots = np.polynomial.polynomial.polyroots(cubic)
     beyond = np.abs(roots.imag) + np.maximum(np.abs(roots.real - 0.5) - 0.5, 0.0)
     return float(np.clip(roots.real[np.argmin(beyond)], 0.0, 1.0)) if len(roots) else 0.0
-
-
-def _are_same(way: Way, first: Array, second: Array) -> bool:
-    return bool(are_same(np.array(first), np.array(second), way.mechanism.leg_count))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,17 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.branches.problem import Problem
+from pcm_gym.kernels.branches.problem import Problem, make_tracer_of
 from pcm_gym.kernels.branches.singularity import FORWARD, metric_length, set_normal, singularity
 from pcm_gym.kernels.branches.tracer import (
-    REGULAR,
     Bracket,
     BracketRules,
     Tracer,
     accept,
     correct,
     cosine_of_turn,
-    make_tracer,
     move,
     narrowed,
     next_trial,
@@ -85,14 +83,10 @@ class _Curve(NamedTuple):
 
 @kernel
 def _make_curve(legs: Array, problem: Problem) -> _Curve:
-    leg_count, own = legs.shape[0], problem.parameters
-    count, size = problem.box.shape[0], 2 * leg_count + own.load.shape[0]
-    kind = problem.kind if problem.is_singular else REGULAR
-    t = make_tracer(leg_count, size, problem.conditions.copy(), kind, False)
-    t.first_inputs[:], t.first_load[:] = own.inputs, own.load
-    t.input_rates[:], t.load_rates[:] = own.input_rates, own.load_rates
+    leg_count, count = legs.shape[0], problem.box.shape[0]
+    t = make_tracer_of(legs, problem)
     normals, index = np.zeros((2, leg_count)), np.zeros(1, dtype=np.int64)
-    work = make_workspace(leg_count, size)
+    work = make_workspace(leg_count, t.trial_x.shape[0])
     return _Curve(problem, t, work, np.zeros(count), np.zeros(count), normals[0], normals[1], index)
 
 

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pcm_gym.arrays import Array
+from pcm_gym.kernels.branches.tracer import REGULAR, Tracer, make_tracer
+from pcm_gym.kernels.numerics.compilation import kernel
 
 
 class Parameters(NamedTuple):
@@ -31,3 +33,15 @@ class Problem(NamedTuple):
     rho_max: float
     kind: int  # of the singularity: FORWARD or INVERSE
     is_singular: bool  # whether its states are singular, or those of a line are watched for singular ones
+
+
+@kernel
+def make_tracer_of(legs: Array, problem: Problem) -> Tracer:
+    """Return a tracer along the curves of a problem."""
+    own = problem.parameters
+    singularity = problem.kind if problem.is_singular else REGULAR
+    size = 2 * legs.shape[0] + own.load.shape[0]
+    t = make_tracer(legs.shape[0], size, problem.conditions.copy(), singularity, False)
+    t.first_inputs[:], t.first_load[:] = own.inputs, own.load
+    t.input_rates[:], t.load_rates[:] = own.input_rates, own.load_rates
+    return t

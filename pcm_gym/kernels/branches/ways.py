@@ -3,8 +3,8 @@
 import math
 
 from pcm_gym.arrays import Array
-from pcm_gym.kernels.branches.problem import Problem
-from pcm_gym.kernels.branches.tracer import REGULAR, Tracer, make_tracer, place_at
+from pcm_gym.kernels.branches.problem import Problem, make_tracer_of
+from pcm_gym.kernels.branches.tracer import place_at
 from pcm_gym.kernels.numerics.compilation import kernel
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace, set_matrix, set_path_derivative, set_residual
 from pcm_gym.kernels.statics.equilibrium import total_energy
@@ -17,19 +17,9 @@ FACT_COLUMNS = 5
 
 
 @kernel
-def _tracer_of(legs: Array, problem: Problem) -> Tracer:
-    own = problem.parameters
-    size = 2 * legs.shape[0] + own.load.shape[0]
-    t = make_tracer(legs.shape[0], size, problem.conditions.copy(), REGULAR, False)
-    t.first_inputs[:], t.first_load[:] = own.inputs, own.load
-    t.input_rates[:], t.load_rates[:] = own.input_rates, own.load_rates
-    return t
-
-
-@kernel
 def describe_way(legs: Array, path: Array, problem: Problem, facts: Array) -> None:
     """Fill `facts` (n, 5) with what is known of each point (n, size + 1) of a way."""
-    t = _tracer_of(legs, problem)
+    t = make_tracer_of(legs, problem)
     size = path.shape[1] - 1
     work = make_workspace(legs.shape[0], size)
     for n in range(path.shape[0]):
@@ -49,7 +39,7 @@ def describe_way(legs: Array, path: Array, problem: Problem, facts: Array) -> No
 @kernel
 def set_equations(legs: Array, y: Array, problem: Problem, residual: Array, matrix: Array) -> None:
     """Fill `residual` (size,) and `matrix` (size, size + 1), its derivative by state and parameter, at a point."""
-    t, size = _tracer_of(legs, problem), residual.shape[0]
+    t, size = make_tracer_of(legs, problem), residual.shape[0]
     work: Workspace = make_workspace(legs.shape[0], size)
     place_at(legs, y, t, work)
     set_residual(legs, y[:size], t.load, work)
