@@ -101,8 +101,8 @@ class Raster:
         On an edge, but for rounding, they are in the next one, and at the end of the raster in the last one.
         """
         ratios = self._places(finite_array("points", points, ("n", len(self.shape)))) + 0.5
-        at_end = np.abs(ratios - self.shape) <= ON_THE_EDGE
-        return self._cells(np.floor(ratios + ON_THE_EDGE) - at_end)
+        places = np.floor(ratios + ON_THE_EDGE)
+        return self._cells(places - ((places == self.shape) & (ratios <= np.add(self.shape, ON_THE_EDGE))))
 
     def cells_around(self, point: ArrayLike) -> Integers:
         """Return the cells, up to 2^d, between whose nodes a point (d,) lies."""
