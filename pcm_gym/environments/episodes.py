@@ -68,14 +68,12 @@ def episode_starts(
             continue
         scene = _scene_for(nominal, options)
         own = [generators[member] for member in members.tolist()]
-        if scene.origin is not None and goal is not None:
-            drawn = _asked(settings, scene, len(own))
-        elif settings.task.has_split and scene.origin is None and goal is None:
+        if goal is not None:
+            drawn = _towards(settings, _starts(settings, scene, own, threads), *goal)
+        elif settings.task.has_split and scene.origin is None:
             drawn = _drawn_of_split(settings, scene, own, threads)
         else:
             drawn = _drawn(settings, scene, own, threads)
-        if goal is not None:
-            drawn = _with_goal(drawn, *goal)
         yield EpisodeStarts(members, number, *drawn)
 
 
@@ -111,24 +109,19 @@ def _drawn(settings: Settings, scene: Scene, generators: Generators, threads: in
     return made if unstable is None else made._replace(states=scene.at_equilibrium(unstable, len(generators)))
 
 
-def _asked(settings: Settings, scene: Scene, count: int) -> _Drawn:
-    """Return episodes from the scene's origin, whose goal is still to come: nothing is drawn."""
+def _starts(settings: Settings, scene: Scene, generators: Generators, threads: int) -> States:
+    """Return where episodes begin: at the scene's origin, for which nothing is drawn, or where the task draws them."""
+    if scene.origin is None:
+        return _drawn(settings, scene, generators, threads).states
     scene.check_seed()
-    origin, (mechanism, task) = scene.origin, (settings.mechanism, settings.task)
-    assert origin is not None
-    goals, witness = (count, task.period, task.goals.size), (count, mechanism.leg_count + mechanism.state_size)
-    return _Drawn(
-        scene.at_equilibrium(origin, count), np.empty(goals), np.empty(witness), np.zeros(count, dtype=np.int64)
-    )
+    return scene.at_equilibrium(scene.origin, len(generators))
 
 
-def _with_goal(drawn: _Drawn, goal: Array, witness: Array) -> _Drawn:
-    """Return the same episodes with one goal (g,), and its witness, all the way."""
-    return drawn._replace(
-        goals=np.tile(goal, (*drawn.goals.shape[:-1], 1)),
-        witness=np.tile(witness, (len(drawn.witness), 1)),
-        fewest_falls=np.zeros_like(drawn.fewest_falls),
-    )
+def _towards(settings: Settings, starts: States, goal: Array, witness: Array) -> _Drawn:
+    """Return episodes with one goal (g,), and its witness, all the way."""
+    count = len(starts.x)
+    goals = np.tile(goal, (count, settings.task.period, 1))
+    return _Drawn(starts, goals, np.tile(witness, (count, 1)), np.zeros(count, dtype=np.int64))
 
 
 def _as_drawn(drawn: Episodes) -> _Drawn:
