@@ -1,10 +1,9 @@
 """What the figures were measured on."""
 
-import importlib.metadata
 import os
 import platform
 
-from agents.experiments.machine import processor
+from agents.experiments.machine import processor, version_of
 
 PACKAGES = ("gymnasium", "numba", "numpy", "scipy", "mujoco", "envpool", "pyelastica", "gym-softrobot")
 
@@ -18,11 +17,4 @@ def describe_machine() -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
     }
-    return description | {name: _version(name) for name in PACKAGES}
-
-
-def _version(name: str) -> str:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return "absent"
+    return description | {name: version_of(name) or "absent" for name in PACKAGES}

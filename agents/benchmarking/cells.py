@@ -8,6 +8,7 @@
 """
 
 import csv
+import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -164,12 +165,11 @@ class ResultsFolder:
 
     def write_table(self, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
         """Write the table of all cells."""
-        partial = self.table.with_name(f"{self.table.name}.partial")
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=columns, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-        partial.replace(self.table)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, fieldnames=columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_whole(self.table, text.getvalue())
 
     def _path(self, cell: Cell, ending: str) -> Path:
         return self._cells / f"{cell.name}{ending}"

@@ -1,8 +1,9 @@
 """Estimates with their 95 % intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -40,11 +41,7 @@ def percentile_interval(sample: Sequence[float], percentile: float) -> Interval:
     estimate = float(statistic(values))
     if np.ptp(values) == 0.0:
         return Interval(estimate, estimate, estimate)
-    generator = np.random.default_rng(0)
-    found = stats.bootstrap(
-        (values,), statistic, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", rng=generator
-    )
-    return Interval(estimate, float(found.confidence_interval.low), float(found.confidence_interval.high))
+    return _resampled(estimate, [values], statistic)
 
 
 def interquartile_mean(strata: Sequence[Sequence[float]]) -> Interval:
@@ -63,12 +60,16 @@ def interquartile_mean(strata: Sequence[Sequence[float]]) -> Interval:
     def statistic(*samples: Array, axis: int) -> Array:
         return np.asarray(stats.trim_mean(np.concatenate(samples, axis=axis), _CUT_AT_EACH_END, axis=axis))
 
+    return _resampled(estimate, [np.asarray(values, dtype=np.float64) for values in strata], statistic)
+
+
+def _resampled(estimate: float, samples: Sequence[Array], statistic: Callable[..., Any]) -> Interval:
+    """An estimate with its bootstrap interval, the same each time; every sample is resampled by itself."""
     found = stats.bootstrap(
-        [np.asarray(values, dtype=np.float64) for values in strata],
+        samples,
         statistic,
         n_resamples=RESAMPLES,
         confidence_level=LEVEL,
-        vectorized=True,
         method="percentile",
         rng=np.random.default_rng(0),
     )

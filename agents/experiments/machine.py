@@ -9,7 +9,10 @@ _RECORDED_PACKAGES = ("pcm_gym", "gymnasium", "stable-baselines3", "torch", "num
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the result."""
-    return {"python": platform.python_version(), **{package: _version(package) for package in _RECORDED_PACKAGES}}
+    return {
+        "python": platform.python_version(),
+        **{package: version_of(package) or "not installed" for package in _RECORDED_PACKAGES},
+    }
 
 
 def processor() -> str:
@@ -22,8 +25,9 @@ def processor() -> str:
     return platform.processor() or "unknown"
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str | None:
+    """Version of an installed package; None for one that is not."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
-        return "not installed"
+        return None
