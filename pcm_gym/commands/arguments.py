@@ -137,6 +137,9 @@ Number = Annotated[
         "--number", min=0, help="Which equilibrium at the inputs, as `fk` counts; by default the one on home's branch."
     ),
 ]
+Certify = Annotated[
+    bool, typer.Option("--certify", help="Prove that what is found at given inputs, or a pose, is complete; two legs.")
+]
 RhoMax = Annotated[
     float, typer.Option("--rho-max", help="Largest dimensionless load L sqrt(|f| / EI) of any rod, up to 30.")
 ]

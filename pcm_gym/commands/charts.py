@@ -9,6 +9,7 @@ import typer
 
 from pcm_gym.commands.arguments import (
     AsJson,
+    Certify,
     Inputs,
     Load,
     MechanismName,
@@ -96,9 +97,7 @@ def diagram(
     ] = None,
     rho_max: RhoMax = 9.0,
     slices: Annotated[int, typer.Option(help="Complete sets of equilibria to find on the way.", min=1)] = 24,
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Prove that these sets are complete, for two legs.")
-    ] = False,
+    certify: Certify = False,
     out: Annotated[Path | None, typer.Option("--out", help="Picture to draw, .svg.")] = None,
     ordinate: Annotated[Ordinate, typer.Option(help="What the picture shows over the line.")] = Ordinate.ENERGY,
     as_json: AsJson = False,

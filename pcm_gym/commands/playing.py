@@ -60,7 +60,7 @@ def play(
 ) -> None:
     """Play an environment in a window: Q and A drive the first input, W and S the second, E and D the third.
 
-    Escape ends it. The red cross is the goal; the score is told here.
+    Escape ends it. The green cross is the goal; the score is told here.
     """
     import gymnasium
     import pygame  # noqa: F401 (Gymnasium's own words on its absence name another package)

@@ -6,6 +6,7 @@ import typer
 
 from pcm_gym.commands.arguments import (
     AsJson,
+    Certify,
     Inputs,
     Load,
     MechanismName,
@@ -21,7 +22,6 @@ from pcm_gym.commands.output import EQUILIBRIUM_COLUMNS, equilibrium_data, equil
 if TYPE_CHECKING:
     from pcm_gym import EquilibriumSet
 
-Certify = Annotated[bool, typer.Option("--certify", help="Prove that the set is complete, for two legs.")]
 StableOnly = Annotated[bool, typer.Option("--stable", help="Show the stable ones alone.")]
 
 
