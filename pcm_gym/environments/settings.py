@@ -185,7 +185,7 @@ class Settings:
                 mechanism = self.randomisation.draw(mechanism, numbers)
             scene = self.scene(mechanism, numbers.uniform(self.load_range[0], self.load_range[1]))
             try:
-                _ = scene.roadmap
+                scene.check_roadmap()
             except ValueError as error:
                 failure = error
                 continue

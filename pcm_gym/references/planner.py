@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.charts.motions import meet_poses
+from pcm_gym.kernels.charts.motions import forward_jacobians, meet_poses
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.references.plans import Plans
@@ -39,7 +39,8 @@ class PlannerController:
     ----------
     knows_truth : bool
         Whether it plans on the mechanism and load of the episode. Else it plans on the nominal ones, those that others
-        deviate from, beginning at its stable equilibrium that is nearest to the true one.
+        deviate from, beginning at its stable equilibrium that is nearest to the true one, and its feedback takes the
+        Jacobian of these.
     """
 
     def __init__(self, knows_truth: bool = True) -> None:
@@ -173,7 +174,15 @@ class PlannerController:
         if settings.task.with_inputs:
             return gain * (self._plans.end - view.simulation.motion.inputs)
         is_far = np.linalg.norm(errors, axis=1, keepdims=True) > _AT_REST * settings.task.goals.tolerance
-        return np.where(is_far, gain * damped_solutions(view.jacobians, errors, _DAMPING), 0.0)
+        jacobians = view.jacobians if self._knows_truth else self._believed_jacobians(view)
+        return np.where(is_far, gain * damped_solutions(jacobians, errors, _DAMPING), 0.0)
+
+    def _believed_jacobians(self, view: View) -> Array:
+        """Return the Jacobians of the nominal mechanism where the plans are, (n, d, legs); 0 without a plan."""
+        plans, rows = self._plans, np.flatnonzero(view.under_way & (self._plans.last >= 0))
+        found, place = np.zeros((len(plans.last), view.mechanism.dof, view.mechanism.leg_count)), plans.place[rows]
+        found[rows] = forward_jacobians(view.mechanism.leg_table, plans.x[rows, place], plans.inputs[rows, place])
+        return found
 
 
 def _goal_moves(view: View) -> bool:
