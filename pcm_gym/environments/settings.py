@@ -115,8 +115,9 @@ class Settings:
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {shown(mechanism)}")
         task = _task(mechanism, arguments, DEFAULTS | arguments)
-        preset = rig_arguments(mechanism) if getattr(task, "difficulty", None) == "rig" else EnvironmentArguments()
+        preset = rig_arguments(task) if getattr(task, "difficulty", None) == "rig" else EnvironmentArguments()
         given = DEFAULTS | preset | arguments
+        task = _task(mechanism, arguments, given)
         steps = _steps(mechanism, given["max_action"])
         singular_margin = given["singular_margin"]
         if singular_margin is None:
