@@ -13,6 +13,7 @@ from pcm_gym.references.resolved_rate import ResolvedRateController, damped_solu
 from pcm_gym.references.shielded import shielded
 from pcm_gym.references.view import View
 from pcm_gym.solving import Equilibrium, MotionPlanner
+from pcm_gym.solving.limits import LimitName
 from pcm_gym.solving.motion_goals import Goal, carried_over
 
 # An episode is off its plan where its clamps are more than so many steps from it, or its pose so far from the planned
@@ -45,7 +46,9 @@ class PlannerController:
 
     def __init__(self, knows_truth: bool = True) -> None:
         self._knows_truth = knows_truth
-        self._planners: dict[tuple[Mechanism, bytes, bytes, bool, float], MotionPlanner] = {}
+        self._planners: dict[
+            tuple[Mechanism, bytes, tuple[bytes, bool, float], tuple[LimitName, ...]], MotionPlanner
+        ] = {}
         self._plans = Plans(0, 0, 0)
         self._otherwise = ResolvedRateController()
 
@@ -101,13 +104,16 @@ class PlannerController:
             if start is not None:
                 begun.setdefault((start.mechanism, start.load.tobytes()), []).append((row, start))
         for (mechanism, load), own in begun.items():
-            key = (mechanism, load, settings.stride.tobytes(), settings.actuators.are_ideal, settings.singular_margin)
+            room = (settings.stride.tobytes(), settings.actuators.are_ideal, settings.singular_margin)
+            key = (mechanism, load, room, settings.limits)
             if key not in self._planners:
                 scene = settings.scene(mechanism, own[0][1].load)
                 # where clamps follow late, or not quite, there must be room for that
                 margin = scene.margin if settings.actuators.are_ideal else scene.reserve
                 step = mechanism.units.inputs_from_kernel(settings.stride)
-                self._planners[key] = MotionPlanner(mechanism, own[0][1].load, step, margin, [scene.roadmap])
+                self._planners[key] = MotionPlanner(
+                    mechanism, own[0][1].load, step, margin, [scene.roadmap], settings.limits
+                )
             yield self._planners[key], np.array([row for row, _ in own]), [start for _, start in own]
 
     def _start(self, view: View, row: int) -> Equilibrium | None:
