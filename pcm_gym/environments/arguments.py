@@ -57,7 +57,8 @@ class EnvironmentArguments(TypedDict, total=False):
         parts only if it says so, with `has_split`.
     difficulty : str, optional
         The tier: where the goals are, or what leads to them; see `pcm_gym.tasks.Reach`, `Track` and `Switch`. With
-        "rig" the defaults of what follows `load` are those of a real rig, see `pcm_gym.environments.rig`.
+        "rig" the defaults of `load` and what follows are those of a real rig, for Track of `success_distance` too, see
+        `pcm_gym.environments.rig`.
     path : "circle", "eight", "spline" or "any", optional
         For Track: the shape of the paths, any by default; see `pcm_gym.tasks.Track`.
     success_distance : float

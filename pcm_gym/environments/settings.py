@@ -115,8 +115,9 @@ class Settings:
         if not isinstance(mechanism, Mechanism):
             raise TypeError(f"mechanism must be a Mechanism or a catalogued name, got {shown(mechanism)}")
         task = _task(mechanism, arguments, DEFAULTS | arguments)
-        preset = rig_arguments(mechanism) if getattr(task, "difficulty", None) == "rig" else EnvironmentArguments()
+        preset = rig_arguments(task) if getattr(task, "difficulty", None) == "rig" else EnvironmentArguments()
         given = DEFAULTS | preset | arguments
+        task = _task(mechanism, arguments, given)
         steps = _steps(mechanism, given["max_action"])
         singular_margin = given["singular_margin"]
         if singular_margin is None:
@@ -185,7 +186,7 @@ class Settings:
                 mechanism = self.randomisation.draw(mechanism, numbers)
             scene = self.scene(mechanism, numbers.uniform(self.load_range[0], self.load_range[1]))
             try:
-                _ = scene.roadmap
+                scene.check_roadmap()
             except ValueError as error:
                 failure = error
                 continue

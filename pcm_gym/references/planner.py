@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.charts.motions import meet_poses
+from pcm_gym.kernels.charts.motions import forward_jacobians, meet_poses
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.references.plans import Plans
@@ -13,6 +13,7 @@ from pcm_gym.references.resolved_rate import ResolvedRateController, damped_solu
 from pcm_gym.references.shielded import shielded
 from pcm_gym.references.view import View
 from pcm_gym.solving import Equilibrium, MotionPlanner
+from pcm_gym.solving.limits import LimitName
 from pcm_gym.solving.motion_goals import Goal, carried_over
 
 # An episode is off its plan where its clamps are more than so many steps from it, or its pose so far from the planned
@@ -39,12 +40,15 @@ class PlannerController:
     ----------
     knows_truth : bool
         Whether it plans on the mechanism and load of the episode. Else it plans on the nominal ones, those that others
-        deviate from, beginning at its stable equilibrium that is nearest to the true one.
+        deviate from, beginning at its stable equilibrium that is nearest to the true one, and its feedback takes the
+        Jacobian of these.
     """
 
     def __init__(self, knows_truth: bool = True) -> None:
         self._knows_truth = knows_truth
-        self._planners: dict[tuple[Mechanism, bytes, bytes, bool, float], MotionPlanner] = {}
+        self._planners: dict[
+            tuple[Mechanism, bytes, tuple[bytes, bool, float], tuple[LimitName, ...]], MotionPlanner
+        ] = {}
         self._plans = Plans(0, 0, 0)
         self._otherwise = ResolvedRateController()
 
@@ -100,13 +104,16 @@ class PlannerController:
             if start is not None:
                 begun.setdefault((start.mechanism, start.load.tobytes()), []).append((row, start))
         for (mechanism, load), own in begun.items():
-            key = (mechanism, load, settings.stride.tobytes(), settings.actuators.are_ideal, settings.singular_margin)
+            room = (settings.stride.tobytes(), settings.actuators.are_ideal, settings.singular_margin)
+            key = (mechanism, load, room, settings.limits)
             if key not in self._planners:
                 scene = settings.scene(mechanism, own[0][1].load)
                 # where clamps follow late, or not quite, there must be room for that
                 margin = scene.margin if settings.actuators.are_ideal else scene.reserve
                 step = mechanism.units.inputs_from_kernel(settings.stride)
-                self._planners[key] = MotionPlanner(mechanism, own[0][1].load, step, margin, [scene.roadmap])
+                self._planners[key] = MotionPlanner(
+                    mechanism, own[0][1].load, step, margin, [scene.roadmap], settings.limits
+                )
             yield self._planners[key], np.array([row for row, _ in own]), [start for _, start in own]
 
     def _start(self, view: View, row: int) -> Equilibrium | None:
@@ -173,7 +180,15 @@ class PlannerController:
         if settings.task.with_inputs:
             return gain * (self._plans.end - view.simulation.motion.inputs)
         is_far = np.linalg.norm(errors, axis=1, keepdims=True) > _AT_REST * settings.task.goals.tolerance
-        return np.where(is_far, gain * damped_solutions(view.jacobians, errors, _DAMPING), 0.0)
+        jacobians = view.jacobians if self._knows_truth else self._believed_jacobians(view)
+        return np.where(is_far, gain * damped_solutions(jacobians, errors, _DAMPING), 0.0)
+
+    def _believed_jacobians(self, view: View) -> Array:
+        """Return the Jacobians of the nominal mechanism where the plans are, (n, d, legs); 0 without a plan."""
+        plans, rows = self._plans, np.flatnonzero(view.under_way & (self._plans.last >= 0))
+        found, place = np.zeros((len(plans.last), view.mechanism.dof, view.mechanism.leg_count)), plans.place[rows]
+        found[rows] = forward_jacobians(view.mechanism.leg_table, plans.x[rows, place], plans.inputs[rows, place])
+        return found
 
 
 def _goal_moves(view: View) -> bool:

@@ -22,7 +22,9 @@ class Obstacle(Enum):
     ONLY_UNSTABLE = "the mechanism has equilibria at the goal, but no stable one"
     LIMITS = "the mechanism has stable equilibria at the goal, but beyond the limits of its actuators"
     GOAL_MARGIN = "every stable equilibrium at the goal is nearer to a fold than the margin"
+    STRUCTURE = "every stable equilibrium at the goal breaks a limit of the structure"
     MARGIN_ON_THE_WAY = "stable ways lead to the goal, but each comes nearer to a fold than the margin"
+    STRUCTURE_ON_THE_WAY = "stable ways lead to the goal, but each breaks a limit of the structure"
     OTHER_SHEET = "the goal lies on another sheet: no way was found that leads there without losing stability"
 
 
@@ -50,7 +52,7 @@ class Motion:
     """A motion on stable equilibria. `plan_motion` makes it.
 
     Every step was followed by the tracker: from each row on to the next one no stability is lost on the straight line
-    of the inputs, and each row after the first keeps the margin that was asked for.
+    of the inputs, and each row after the first keeps the margin and the limits of the structure that were asked for.
 
     Attributes
     ----------

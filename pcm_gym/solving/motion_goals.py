@@ -14,6 +14,7 @@ from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_vector, one_of, shown
 from pcm_gym.solving.enumeration import solve_forward, solve_inverse
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.limits import StructuralLimits
 from pcm_gym.solving.motion import Obstacle, PlanningError
 
 Goal = ArrayLike | Mapping[str, ArrayLike] | Equilibrium
@@ -59,15 +60,15 @@ class Wanted:
         pose = equilibrium.pose if self.pose is None else self.pose
         return float(np.linalg.norm(equilibrium.mechanism.units.kernel_from_pose(equilibrium.pose - pose)))
 
-    def equilibria(self, mechanism: Mechanism, load: Array, least_margin: float) -> list[Equilibrium]:
-        """Return all stable equilibria that meet the goal within the limits and with the margin.
+    def equilibria(self, structure: StructuralLimits, load: Array, least_margin: float) -> list[Equilibrium]:
+        """Return all stable equilibria that meet the goal within all limits and with the margin.
 
         Raises
         ------
         PlanningError
             If there are none.
         """
-        found, what = self._all(mechanism, load)
+        found, what = self._all(structure.mechanism, load)
         if not found:
             raise PlanningError(Obstacle.OUT_OF_REACH, what)
         stable = [own for own in found if own.is_stable]
@@ -83,7 +84,12 @@ class Wanted:
         greatest = max(own.singularity_margin for own in kept)
         if greatest < least_margin:
             raise PlanningError(Obstacle.GOAL_MARGIN, f"{what}: {greatest:.3g}, least_margin {least_margin:.3g}")
-        return [own for own in kept if own.singularity_margin >= least_margin]
+        kept = [own for own in kept if own.singularity_margin >= least_margin]
+        sound = [own for own in kept if not structure.broken_by(own)]
+        if not sound:
+            broken = sorted({name for own in kept for name in structure.broken_by(own)})
+            raise PlanningError(Obstacle.STRUCTURE, f"{what}: {', '.join(broken)}")
+        return sound
 
     def _all(self, mechanism: Mechanism, load: Array) -> tuple[list[Equilibrium], str]:
         """Return all equilibria that meet the goal, and the goal in words."""

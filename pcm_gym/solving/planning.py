@@ -10,6 +10,7 @@ from pcm_gym.arrays import Array, Integers
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import finite_vector, instance_of, number_not_negative, sequence_of
 from pcm_gym.solving.equilibrium import Equilibrium
+from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
 from pcm_gym.solving.motion_goals import Goal, Wanted, carried_over, wanted_of
 from pcm_gym.solving.roadmap import Roadmap, build_roadmap, roadmap_raster
@@ -18,7 +19,7 @@ from pcm_gym.solving.straight_ways import StraightWays, Way
 
 # Part of the smallest step that is kept from folds by default.
 _LEAST_MARGIN = 0.5
-# Mechanisms, loads, steps and margins whose planners are kept for whoever asks again.
+# Mechanisms, loads, steps, margins and limits whose planners are kept for whoever asks again.
 _KEPT = 16
 # No state has a larger margin.
 _LARGEST_MARGIN = 10.0
@@ -32,6 +33,7 @@ def plan_motion(
     mechanism: Mechanism | None = None,
     step: ArrayLike | None = None,
     least_margin: float | None = None,
+    limits: Sequence[LimitName] = (),
 ) -> Motion:
     """Return a short motion from a stable equilibrium to a goal that never loses stability.
 
@@ -56,6 +58,8 @@ def plan_motion(
     least_margin : float, optional
         Singularity margin of every equilibrium after the start, in rad and mean rod lengths. By default half of the
         smallest step, below which environments call a state nearly singular.
+    limits : sequence of "stress", "torque" or "contact"
+        Limits of the structure that every equilibrium after the start keeps, see `StructuralLimits`.
 
     Returns
     -------
@@ -79,7 +83,8 @@ def plan_motion(
     own = start.mechanism
     steps = _steps(own, step)
     margin = _margin(own.units.kernel_from_inputs(steps), least_margin)
-    return _planner(own, tuple(start.load.tolist()), tuple(steps.tolist()), margin).plan(start, goal)
+    names = limits_of(own, limits).names
+    return _planner(own, tuple(start.load.tolist()), tuple(steps.tolist()), margin, names).plan(start, goal)
 
 
 class MotionPlanner:
@@ -90,7 +95,7 @@ class MotionPlanner:
     mechanism : Mechanism
     load : array_like (d,), optional
         Load on the end-effector, N and N m; none by default.
-    step, least_margin
+    step, least_margin, limits
         As for `plan_motion`.
     roadmaps : sequence of Roadmap
         Roadmaps of the mechanism under the load, if there are some; where a start is on none of them, one is grown
@@ -109,12 +114,14 @@ class MotionPlanner:
         step: ArrayLike | None = None,
         least_margin: float | None = None,
         roadmaps: Sequence[Roadmap] = (),
+        limits: Sequence[LimitName] = (),
     ) -> None:
         self._mechanism, units = instance_of("mechanism", mechanism, Mechanism), mechanism.units
         self._load, self._step = mechanism.check_load(load), _steps(mechanism, step)
         stride = units.kernel_from_inputs(self._step)
         margin = _margin(stride, least_margin)
-        self._ways = StraightWays(mechanism, units.kernel_from_load(self._load), stride, margin)
+        structure = limits_of(mechanism, limits)
+        self._ways = StraightWays(mechanism, units.kernel_from_load(self._load), stride, margin, structure)
         self._searches: list[RoadmapSearch] = []
         for roadmap in sequence_of("roadmaps", roadmaps, Roadmap):
             if roadmap.mechanism != mechanism or not np.array_equal(roadmap.load, self._load):
@@ -133,7 +140,7 @@ class MotionPlanner:
         if not start.is_stable:
             raise PlanningError(Obstacle.UNSTABLE_START, f"its index is {start.index}")
         margin = self._ways.least_margin
-        candidates = wanted.equilibria(self._mechanism, self._load, margin)
+        candidates = wanted.equilibria(self._ways.structure, self._load, margin)
         motions = self.plan_many([start] * len(candidates), candidates)
         made = [motion for motion in motions if motion is not None]
         if not made:
@@ -216,11 +223,19 @@ class MotionPlanner:
         if not any(True for _ in self._beside([start])):
             details = f"least_margin {margin:.3g}; the start has {start.singularity_margin:.3g}"
             return PlanningError(Obstacle.START_MARGIN, details)
-        if margin > 0.0:
-            free = MotionPlanner(self._mechanism, self._load, self._step, 0.0)
-            if any(motion is not None for motion in free.plan_many([start] * len(goals), goals)):
-                return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"least_margin {margin:.3g}; goals at inputs {inputs}")
+        names = self._ways.structure.names
+        if names and self._leads(margin, (), start, goals):
+            return PlanningError(Obstacle.STRUCTURE_ON_THE_WAY, f"limits {names}; goals at inputs {inputs}")
+        if margin > 0.0 and self._leads(0.0, names, start, goals):
+            return PlanningError(Obstacle.MARGIN_ON_THE_WAY, f"least_margin {margin:.3g}; goals at inputs {inputs}")
         return PlanningError(Obstacle.OTHER_SHEET, f"goals at inputs {inputs}")
+
+    def _leads(
+        self, margin: float, limits: Sequence[LimitName], start: Equilibrium, goals: Sequence[Equilibrium]
+    ) -> bool:
+        """Return whether a way would lead to one of the goals with another margin or other limits."""
+        free = MotionPlanner(self._mechanism, self._load, self._step, margin, limits=limits)
+        return any(motion is not None for motion in free.plan_many([start] * len(goals), goals))
 
 
 def _way_of(equilibria: Sequence[Equilibrium]) -> Way:
@@ -259,12 +274,18 @@ def _grown_from(start: Equilibrium, step: Array, ways: StraightWays) -> Roadmap 
     seeds = [
         Equilibrium.unchecked(mechanism, reached[n], nodes[n], start.load) for n in np.flatnonzero(arrives).tolist()
     ]
-    return build_roadmap(mechanism, seeds, step=step, least_margin=ways.least_margin) if seeds else None
+    if not seeds:
+        return None
+    return build_roadmap(mechanism, seeds, step=step, least_margin=ways.least_margin, limits=ways.structure.names)
 
 
 @lru_cache(maxsize=_KEPT)
 def _planner(
-    mechanism: Mechanism, load: tuple[float, ...], step: tuple[float, ...], least_margin: float
+    mechanism: Mechanism,
+    load: tuple[float, ...],
+    step: tuple[float, ...],
+    least_margin: float,
+    limits: tuple[LimitName, ...],
 ) -> MotionPlanner:
     """Return the planner of a mechanism, always the same one for the same arguments."""
-    return MotionPlanner(mechanism, load, step, least_margin)
+    return MotionPlanner(mechanism, load, step, least_margin, limits=limits)

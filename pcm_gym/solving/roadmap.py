@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -216,12 +216,66 @@ def build_roadmap(
     -----
     About 2 microseconds for each way between two nodes: 0.1 s for the 2RFR of the catalogue.
     """
+    sown, structure = _sown(mechanism, seeds, step, least_margin, limits), limits_of(mechanism, limits)
+    nodes, units, legs = sown.nodes, mechanism.units, mechanism.leg_table
+    none, nowhere = States(*(array[:0] for array in sown.nodes.states)), np.empty(0, dtype=np.int64)
+    while nodes.counts[1] < nodes.counts[0]:
+        nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
+        kernels.grow(legs, sown.rasters, nodes, none, sown.least_margin, _EXPANDED_AT_ONCE, nowhere)
+    count = int(nodes.counts[0])
+    grown = Roadmap(
+        mechanism,
+        sown.load,
+        sown.least_margin,
+        sown.raster,
+        nodes.states.x[:count].copy(),
+        units.inputs_from_kernel(nodes.states.inputs[:count]),
+        nodes.cell[:count].copy(),
+        nodes.ways[:count].copy(),
+        tuple(sown.planted.tolist()),
+    )
+    return _reached_within(grown, structure.are_kept(grown.states, nodes.states.inputs[:count])) if structure else grown
+
+
+def takes_root(
+    mechanism: Mechanism,
+    seeds: Sequence[Equilibrium],
+    *,
+    step: ArrayLike | None = None,
+    least_margin: float = 0.0,
+    limits: Sequence[LimitName] = (),
+) -> bool:
+    """Return whether the roadmap that `build_roadmap` would return has any nodes; it is not grown for that."""
+    sown = _sown(mechanism, seeds, step, least_margin, limits)
+    planted = sown.planted[sown.planted >= 0]
+    states = sown.nodes.states
+    return bool(limits_of(mechanism, limits).are_kept(states.x[planted], states.inputs[planted]).any())
+
+
+class _Sown(NamedTuple):
+    """Seeds on their raster, of which nothing has grown yet."""
+
+    load: Array
+    raster: Raster
+    rasters: Rasters  # the same for the kernels
+    nodes: kernels.Nodes
+    planted: Integers  # (seeds,): their nodes, or -1
+    least_margin: float
+
+
+def _sown(
+    mechanism: Mechanism,
+    seeds: Sequence[Equilibrium],
+    step: ArrayLike | None,
+    least_margin: float,
+    limits: Sequence[LimitName],
+) -> _Sown:
     instance_of("mechanism", mechanism, Mechanism)
     seeds = sequence_of("seeds", seeds, Equilibrium)
     load, least_margin = _load_of(mechanism, seeds), number_not_negative("least_margin", least_margin)
-    structure = limits_of(mechanism, limits)
+    limits_of(mechanism, limits)
     raster = roadmap_raster(mechanism, None if step is None else finite_vector("step", step, mechanism.leg_count))
-    units, legs = mechanism.units, mechanism.leg_table
+    units = mechanism.units
     rasters = Rasters(
         np.array([raster.shape]),
         units.kernel_from_inputs(np.array([raster.first_node])),
@@ -229,26 +283,10 @@ def build_roadmap(
         np.zeros((1, mechanism.leg_count), dtype=np.bool_),
     )
     nodes = _with_room(_make_nodes(mechanism, raster.size), len(seeds))
-    sown = States(*map(np.array, zip(*(seed.kernel_values() for seed in seeds), strict=True)))
+    states = States(*map(np.array, zip(*(seed.kernel_values() for seed in seeds), strict=True)))
     planted = np.empty(len(seeds), dtype=np.int64)
-    kernels.grow(legs, rasters, nodes, sown, least_margin, 0, planted)
-    sown = States(*(array[:0] for array in sown))
-    while nodes.counts[1] < nodes.counts[0]:
-        nodes = _with_room(nodes, 2 * mechanism.leg_count * _EXPANDED_AT_ONCE)
-        kernels.grow(legs, rasters, nodes, sown, least_margin, _EXPANDED_AT_ONCE, planted[:0])
-    count = int(nodes.counts[0])
-    grown = Roadmap(
-        mechanism,
-        load,
-        least_margin,
-        raster,
-        nodes.states.x[:count].copy(),
-        units.inputs_from_kernel(nodes.states.inputs[:count]),
-        nodes.cell[:count].copy(),
-        nodes.ways[:count].copy(),
-        tuple(planted.tolist()),
-    )
-    return _reached_within(grown, structure.are_kept(grown.states, nodes.states.inputs[:count])) if structure else grown
+    kernels.grow(mechanism.leg_table, rasters, nodes, states, least_margin, 0, planted)
+    return _Sown(load, raster, rasters, nodes, planted, least_margin)
 
 
 def _reached_within(roadmap: Roadmap, is_kept: Mask) -> Roadmap:

@@ -13,6 +13,7 @@ from pcm_gym.kernels.charts.walks import walk
 from pcm_gym.kernels.numerics.slices import slices
 from pcm_gym.kernels.statics.states import SAME_STATE, States
 from pcm_gym.mechanism import Mechanism
+from pcm_gym.solving.limits import StructuralLimits
 
 # Ways that are walked in one call of compiled code, and steps that are followed in one.
 _WALKED_AT_ONCE, _FOLLOWED_AT_ONCE = 512, 256
@@ -49,12 +50,15 @@ class StraightWays:
         Longest step along each input, dimensionless.
     least_margin : float
         Singularity margin that is kept after each step.
+    structure : StructuralLimits
+        Limits of the structure that are kept after each step.
     """
 
     mechanism: Mechanism
     load: Array
     stride: Array
     least_margin: float
+    structure: StructuralLimits
 
     def states(self, x: Array, inputs: Array) -> States:
         """Return copies of states (n, size) at inputs (n, legs), under the load."""
@@ -62,13 +66,36 @@ class StraightWays:
 
     def walked(self, x: Array, inputs: Array, targets: Array) -> tuple[Array, Mask]:
         """Return where straight ways to the inputs `targets` (n, legs) lead, (n, size), and which arrive."""
-        states, legs = self.states(x, inputs), self.mechanism.leg_table
+        states = self.states(x, inputs)
         counts = self.lengths(inputs, targets).astype(np.int64) + 2
-        for first, last in slices(len(x), _WALKED_AT_ONCE):
-            some = States(*(array[first:last] for array in states))
-            walk(legs, some, targets[first:last], self.stride, counts[first:last], self.least_margin)
+        if self.structure:
+            return states.x, self._walk_within(states, targets, int(counts.max(initial=0)))
+        self._walk(states, targets, counts)
         arrives: Mask = (states.inputs == targets).all(axis=1)
         return states.x, arrives
+
+    def _walk(self, states: States, targets: Array, counts: Integers) -> None:
+        for first, last in slices(len(counts), _WALKED_AT_ONCE):
+            some = States(*(array[first:last] for array in states))
+            legs = self.mechanism.leg_table
+            walk(legs, some, targets[first:last], self.stride, counts[first:last], self.least_margin)
+
+    def _walk_within(self, states: States, targets: Array, count: int) -> Mask:
+        """Walk step by step, in place; return which arrive and break no limit of the structure after any step."""
+        arrives, rows = np.zeros(len(targets), dtype=np.bool_), np.arange(len(targets))
+        for _ in range(count):
+            moved = States(*(array[rows] for array in states))
+            self._walk(moved, targets[rows], np.ones(len(rows), dtype=np.int64))
+            is_kept = self.structure.are_kept(moved.x, moved.inputs)
+            goes_on = (moved.inputs != states.inputs[rows]).any(axis=1)
+            for array, values in zip(states, moved, strict=True):
+                array[rows] = values
+            is_there = (moved.inputs == targets[rows]).all(axis=1)
+            arrives[rows] = is_kept & is_there
+            rows = rows[is_kept & goes_on & ~is_there]
+            if not len(rows):
+                break
+        return arrives
 
     def lead(self, start: Way, end: Way) -> Mask:
         """Return for each row of `start` whether the straight way leads to that of `end`."""
@@ -157,7 +184,9 @@ class StraightWays:
             count = follow_inputs(self.mechanism.leg_table, self.load, inputs[part], self.least_margin, x[part])
             if count < last + 1 - first:
                 return None
-        return Way(x, inputs) if self.are_same(x[-1:], way.x[-1:])[0] else None
+        if not (self.are_same(x[-1:], way.x[-1:])[0] and self.structure.are_kept(x[1:], inputs[1:]).all()):
+            return None
+        return Way(x, inputs)
 
     def _pulled(self, ways: Sequence[Way]) -> list[Way]:
         """Return ways of which rows are left out: from each that is kept, a straight way leads to the next one.

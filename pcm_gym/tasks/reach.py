@@ -17,8 +17,8 @@ ReachDifficulty = Literal["near", "anywhere", "detour", "rig"]
 
 # Steps of the walk from start to a near goal.
 _WALK_STEPS = (5, 15)
-# The most steps that a planner needs to a goal.
-_LONGEST = 80.0
+# The most steps that a planner needs to a goal, and to one on a rig, whose actuators take some more.
+_LONGEST, _LONGEST_ON_RIG = 80.0, 60.0
 # Pairs that are looked at for detours, and the least share of them without which there is no such task.
 _TRIED, _LEAST_SHARE = 512, 0.02
 
@@ -30,7 +30,7 @@ class Reach(Task):
     Starts and goals
     ----------------
     Starts are spread evenly over the poses that stable paths from home reach. Goals are where `difficulty` says, and
-    not met at the start; a way without any cost leads to them, of at most 80 steps of a planner.
+    not met at the start; a way without any cost leads to them, of at most 80 steps of a planner, on a rig 60.
 
     Attributes
     ----------
@@ -77,7 +77,8 @@ class Reach(Task):
             ends = States(*(array.copy() for array in start))
             scene.walk(ends, draw(generators, 1 + scene.mechanism.leg_count), _WALK_STEPS, threads)
             return start, ends, np.ones(len(generators), dtype=np.bool_)
-        start, ends, is_fit = anywhere(scene, generators, threads)
+        longest = _LONGEST_ON_RIG if self.difficulty == "rig" else _LONGEST
+        start, ends, is_fit = anywhere(scene, generators, threads, longest)
         if self._wants_detours(scene):
             rows = np.flatnonzero(is_fit)
             here, there = (States(*(array[rows] for array in states)) for states in (start, ends))
@@ -85,8 +86,10 @@ class Reach(Task):
         return start, ends, is_fit
 
 
-def anywhere(scene: Scene, generators: Generators, threads: int) -> tuple[States, States, Mask]:
-    """Return starts and ends spread evenly over what stable ways reach, and which are near enough to each other."""
+def anywhere(
+    scene: Scene, generators: Generators, threads: int, longest: float = _LONGEST
+) -> tuple[States, States, Mask]:
+    """Return starts and ends spread evenly over what stable ways reach, and which are up to so many steps apart."""
     count, legs, roadmap = len(generators), scene.mechanism.leg_count, scene.roadmap
     numbers = draw(generators, 2 + 2 * legs)
     goals = scene.nodes(numbers[:, 0])
@@ -98,7 +101,7 @@ def anywhere(scene: Scene, generators: Generators, threads: int) -> tuple[States
         start = scene.beside(starts, numbers[:, 2 + legs :], threads)
     # each is up to half a way off its node
     own = distances(scene)
-    return start, ends, own.most(starts, goals) + own.steps_per_way <= _LONGEST
+    return start, ends, own.most(starts, goals) + own.steps_per_way <= longest
 
 
 @remembered

@@ -26,7 +26,7 @@ from pcm_gym.mechanism.validation import (
 )
 from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
 from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
-from pcm_gym.solving.roadmap import roadmap_raster
+from pcm_gym.solving.roadmap import roadmap_raster, takes_root
 from pcm_gym.tasks.memory import remembered
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
@@ -91,9 +91,8 @@ class Scene:
     @cached_property
     def pitch(self) -> tuple[float, ...]:
         """Steps between the nodes of the roadmap, dimensionless: the agent's steps, or larger ones."""
-        units = self.mechanism.units
-        raster = roadmap_raster(self.mechanism, units.inputs_from_kernel(np.array(self.stride)))
-        return tuple(units.kernel_from_inputs(raster.pitch).tolist())
+        raster = roadmap_raster(self.mechanism, self.step)
+        return tuple(self.mechanism.units.kernel_from_inputs(raster.pitch).tolist())
 
     @property
     def steps_per_way(self) -> int:
@@ -106,16 +105,36 @@ class Scene:
         return _home(self.mechanism, self.load)
 
     @property
+    def step(self) -> Array:
+        """Largest increment of each input in a step, rad or m, (legs,)."""
+        return self.mechanism.units.inputs_from_kernel(np.array(self.stride))
+
+    @property
     def seed_name(self) -> str:
         """What errors call the equilibrium that all else is reached from."""
         return "home" if self.origin is None else "option equilibrium"
 
+    @property
+    def seed(self) -> Equilibrium:
+        """The equilibrium that all else is reached from."""
+        return self.origin or self.home
+
     def check_seed(self) -> None:
-        """Raise a ValueError if the origin, or else home, breaks a limit."""
-        seed = self.origin or self.home
-        broken = self.structure.broken_by(seed)
+        """Raise a ValueError if the seed breaks a limit."""
+        broken = self.structure.broken_by(self.seed)
         if broken:
-            raise ValueError(f"{self.seed_name} must keep the limits {self.limits}, {seed!r} breaks {broken}")
+            raise ValueError(f"{self.seed_name} must keep the limits {self.limits}, {self.seed!r} breaks {broken}")
+
+    def check_roadmap(self) -> None:
+        """Raise a ValueError if nothing can be reached with the reserve: if the seed does not keep it, or a limit."""
+        self.check_seed()
+        if not _takes_root(self):
+            raise ValueError(
+                f"{self.seed_name} must keep the singularity margin of starts and goals, {self.reserve:.3g}, and "
+                f"limits {self.limits}, to the middle of its cell of inputs; got {self.seed.singularity_margin:.3g} at "
+                f"inputs {self.seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the "
+                "least max_action: one of these must be smaller"
+            )
 
     @property
     def roadmap(self) -> Roadmap:
@@ -313,16 +332,12 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
 
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
-    seed, steps = scene.origin or scene.home, scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    scene.check_seed()
-    roadmap = build_roadmap(
-        scene.mechanism, [seed], step=steps, least_margin=scene.reserve, limits=scene.structure.names
+    scene.check_roadmap()
+    return build_roadmap(
+        scene.mechanism, [scene.seed], step=scene.step, least_margin=scene.reserve, limits=scene.limits
     )
-    if not len(roadmap):
-        raise ValueError(
-            f"{scene.seed_name} must keep the singularity margin of starts and goals, {scene.reserve:.3g}, and limits "
-            f"{scene.limits}, to the middle of its cell of inputs; got {seed.singularity_margin:.3g} at inputs "
-            f"{seed.inputs.tolist()}. It is {_RESERVE} times singular_margin, by default half of the least max_action: "
-            "one of these must be smaller"
-        )
-    return roadmap
+
+
+@remembered
+def _takes_root(scene: Scene) -> bool:
+    return takes_root(scene.mechanism, [scene.seed], step=scene.step, least_margin=scene.reserve, limits=scene.limits)

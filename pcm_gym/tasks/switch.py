@@ -172,8 +172,7 @@ def _stable_at(scene: Scene, inputs: Array) -> list[Equilibrium]:
 
 
 def _roadmap_from(scene: Scene, seeds: list[Equilibrium]) -> Roadmap:
-    step = scene.mechanism.units.inputs_from_kernel(np.array(scene.stride))
-    return build_roadmap(scene.mechanism, seeds, step=step, least_margin=scene.reserve, limits=scene.limits)
+    return build_roadmap(scene.mechanism, seeds, step=scene.step, least_margin=scene.reserve, limits=scene.limits)
 
 
 class _Chart:

@@ -1,6 +1,7 @@
 """Track: follow a goal that moves along a smooth closed path inside the stable workspace."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
@@ -24,8 +25,6 @@ TrackDifficulty = Literal["inside", "edge", "rig"]
 # Steps around a path: an episode, of 200, ends half way around.
 _PERIOD = 80
 _SHAPES = ("circle", "eight", "spline")
-# Curves that are tried for each shape; a path is one of these, in a size from a range.
-_CURVES = 128
 # Harmonics of a spline, and how far it turns a platform, rad per mean rod length of its size.
 _HARMONICS, _TURN = 3, 1.0
 # Sizes with which a curve is tried, in mean rod lengths: the first is drawn from this range, the next ones are smaller.
@@ -40,10 +39,18 @@ _SHARE = 0.8
 
 class _Tier(NamedTuple):
     pace: float  # part of the agent's largest step that following a path may take; what is left is for catching up
+    least_pace: float  # part of it that following a path takes at least, on average
     least: float  # part of a path's size that its smallest variants have
+    is_largest: bool  # whether paths are as large as can be, or of a size that is drawn
+    curves: int  # that are tried for each shape; a path is one of these, in a size from a range
 
 
-_INSIDE, _EDGE = _Tier(0.7, 0.9), _Tier(0.95, 0.95)
+# A rig is one of many, and each has paths of its own: fewer of them.
+_TIERS: Mapping[TrackDifficulty, _Tier] = {
+    "inside": _Tier(0.7, 0.0, 0.9, False, 128),
+    "edge": _Tier(0.95, 0.0, 0.95, True, 128),
+    "rig": _Tier(0.95, 0.4, 0.95, True, 24),
+}
 
 
 @dataclass(frozen=True)
@@ -72,7 +79,7 @@ class Track(Task):
     difficulty : "inside", "edge" or "rig"
         Where the paths lead. Inside, the easy tier: anywhere, up to 0.4 mean rod lengths, at paces of at most 0.7 of
         the agent's steps. Edge: as far as stability, the actuators' limits or 0.95 of the agent's steps allow. Rig:
-        inside, with what a real rig adds, see `pcm_gym.environments.rig`.
+        at the edge, with what a real rig adds, see `pcm_gym.environments.rig`.
     """
 
     period: ClassVar[int] = _PERIOD
@@ -91,7 +98,7 @@ class Track(Task):
     def sample(self, scene: Scene, generators: Generators, threads: int = 1) -> Episodes:
         """Return episodes that begin at their goal, anywhere on its path, which is followed in either sense."""
         check_sampling(scene, generators, threads)
-        tier = _EDGE if self.difficulty == "edge" else _INSIDE
+        tier = _TIERS[self.difficulty]
         library = paths(scene, _SHAPES if self.path == "any" else (self.path,), tier, self.goals.tolerance)
         numbers = draw(generators, 4)
         chosen = (numbers[:, 0] * len(library.size)).astype(np.int64)
@@ -166,42 +173,50 @@ def paths(scene: Scene, shapes: tuple[str, ...], tier: _Tier, tolerance: float) 
 
 def _paths_of(scene: Scene, shape: str, tier: _Tier, least: float) -> list[_Followed]:
     numbers, threads = np.random.default_rng(_SHAPES.index(shape)), default_thread_count()
-    starts = starts_of(scene, [numbers] * _CURVES, threads)
+    starts = starts_of(scene, [numbers] * tier.curves, threads)
     dof = starts.load.shape[1]
-    curves = [_curve(shape, dof, numbers) for _ in range(_CURVES)]
-    sizes = numbers.uniform(*_SIZES, _CURVES).tolist()
-    found: list[_Followed | None] = [None] * _CURVES
+    curves = [_curve(shape, dof, numbers) for _ in range(tier.curves)]
+    sizes = numbers.uniform(*_SIZES, tier.curves).tolist()
+    found: list[_Followed | None] = [None] * tier.curves
 
     def follow(n: int) -> None:
         start, least_size = States(*(array[n] for array in starts)), least / _diameter(curves[n])
-        if tier == _EDGE:
-            found[n] = _largest(scene, start, curves[n], least_size)
+        if tier.is_largest:
+            found[n] = _largest(scene, start, curves[n], tier, least_size)
         else:
-            found[n] = _inside(scene, start, curves[n], sizes[n], least_size)
+            found[n] = _first_followed(scene, start, curves[n], tier, sizes[n], least_size)
 
-    run_all([partial(follow, n) for n in range(_CURVES)], threads)
-    return [path for path in found if path is not None]
+    run_all([partial(follow, n) for n in range(tier.curves)], threads)
+    return [path for path in found if path is not None and _pace(scene, path) >= tier.least_pace]
 
 
-def _inside(scene: Scene, start: States, curve: Array, size: float, least_size: float) -> _Followed | None:
+def _pace(scene: Scene, path: _Followed) -> float:
+    """Return the part of the agent's largest step that following a path takes, on average."""
+    moves = np.abs(path.inputs - np.roll(path.inputs, 1, axis=0)) / np.array(scene.stride)
+    return float(moves.max(axis=1).mean())
+
+
+def _first_followed(
+    scene: Scene, start: States, curve: Array, tier: _Tier, size: float, least_size: float
+) -> _Followed | None:
     """Return the first of smaller and smaller paths that can be followed; None if none can."""
     for _ in range(_TRIALS):
-        if size * _INSIDE.least < least_size:
+        if size * tier.least < least_size:
             return None
-        path = _followed(scene, start, curve, size, _INSIDE)
+        path = _followed(scene, start, curve, size, tier)
         if path is not None:
             return path
         size *= _SHRINKING
     return None
 
 
-def _largest(scene: Scene, start: States, curve: Array, least_size: float) -> _Followed | None:
+def _largest(scene: Scene, start: States, curve: Array, tier: _Tier, least_size: float) -> _Followed | None:
     """Return a path about as large as can be followed; None if not even a small one can."""
-    low, high = max(_EDGE_SIZES[0], least_size / _EDGE.least), _EDGE_SIZES[1]
-    best = _followed(scene, start, curve, low, _EDGE)
+    low, high = max(_EDGE_SIZES[0], least_size / tier.least), _EDGE_SIZES[1]
+    best = _followed(scene, start, curve, low, tier)
     for _ in range(_HALVINGS if best is not None else 0):
         middle = 0.5 * (low + high)
-        path = _followed(scene, start, curve, middle, _EDGE)
+        path = _followed(scene, start, curve, middle, tier)
         best = path or best
         low, high = (low, middle) if path is None else (middle, high)
     return best

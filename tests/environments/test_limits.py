@@ -188,3 +188,37 @@ def test_actuators_without_strength_are_refused(strength):
         pcm_gym.Revolute((0.0, 0.0), greatest_torque=strength)
     with pytest.raises(ValueError, match="greatest_force"):
         pcm_gym.Prismatic((0.0, 0.0), 0.0, 0.0, greatest_force=strength)
+
+
+# Plans
+
+
+def test_plans_keep_the_limits_and_others_would_not() -> None:
+    """Judged by what the equilibria tell of themselves, on the same starts and goals with limits and without."""
+    env = environment("2RFR")
+    pairs = []
+    for seed in range(60):
+        env.reset(seed=seed)
+        pairs.append((env.equilibrium, env.witness))
+    starts, goals = zip(*pairs, strict=True)
+    broken_steps = {}
+    for limits in (ALL, ()):
+        planner = pcm_gym.MotionPlanner(MECHANISMS["2RFR"], limits=limits)
+        motions = [motion for motion in planner.plan_many(starts, goals) if motion is not None]
+        assert len(motions) >= 50
+        steps = [step for motion in motions for step in motion.equilibria[1:]]
+        broken_steps[limits] = sum(any(broken(step).values()) for step in steps)
+    assert broken_steps[ALL] == 0 < broken_steps[()]
+
+
+def test_goals_beyond_the_limits_are_refused_by_name() -> None:
+    mechanism = MECHANISMS["2RFR"]
+    home = pcm_gym.home_equilibrium(mechanism)
+    roadmap = pcm_gym.build_roadmap(mechanism, [home], step=[0.1, 0.1], least_margin=0.05)
+    bent = max(map(roadmap.equilibrium, range(len(roadmap))), key=lambda own: own.rods[0].stress_ratio)
+    assert pcm_gym.plan_motion(home, bent).length > 0
+    with pytest.raises(pcm_gym.PlanningError, match="breaks a limit of the structure") as raised:
+        pcm_gym.plan_motion(home, bent, limits=("stress",))
+    assert raised.value.obstacle is pcm_gym.Obstacle.STRUCTURE
+    with pytest.raises(ValueError, match="limits"):
+        pcm_gym.plan_motion(home, bent, limits=("heat",))  # type: ignore[arg-type]
