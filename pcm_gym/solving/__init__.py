@@ -23,31 +23,36 @@ Public functions take and return N, m and rad. `Units` leads into the kernels, a
 `Equilibrium` goes in by its `kernel_values`.
 """
 
-from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
-from pcm_gym.solving.atlas_file import AtlasError
-from pcm_gym.solving.bifurcation import bifurcation_diagram
-from pcm_gym.solving.budget import SearchBudgetError, search_budget
-from pcm_gym.solving.certification import Certificate, UndecidedRegion
-from pcm_gym.solving.charting import build_atlas
-from pcm_gym.solving.critical_load import CriticalLoad, critical_load
-from pcm_gym.solving.crossings import Crossing, find_crossings
-from pcm_gym.solving.diagram import BifurcationDiagram, DiagramBranch, Slice, SpecialKind, SpecialPoint, Way
-from pcm_gym.solving.enumeration import solve_forward, solve_inverse
-from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
-from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
-from pcm_gym.solving.home import home_equilibrium
-from pcm_gym.solving.limits import StructuralLimits
-from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
-from pcm_gym.solving.path_certification import PathCertificate, certify_path
-from pcm_gym.solving.planning import MotionPlanner, plan_motion
-from pcm_gym.solving.raster import Raster, Region
-from pcm_gym.solving.raster_states import RasterStates
-from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
-from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
-from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
-from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
-from pcm_gym.solving.solutions import EquilibriumSet, Family, FamilyKind, StableStates
-from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
+from typing import TYPE_CHECKING
+
+from pcm_gym.lazy import attribute_loader
+
+if TYPE_CHECKING:
+    from pcm_gym.solving.atlas import Atlas, Branch, load_atlas
+    from pcm_gym.solving.atlas_file import AtlasError
+    from pcm_gym.solving.bifurcation import bifurcation_diagram
+    from pcm_gym.solving.budget import SearchBudgetError, search_budget
+    from pcm_gym.solving.certification import Certificate, UndecidedRegion
+    from pcm_gym.solving.charting import build_atlas
+    from pcm_gym.solving.critical_load import CriticalLoad, critical_load
+    from pcm_gym.solving.crossings import Crossing, find_crossings
+    from pcm_gym.solving.diagram import BifurcationDiagram, DiagramBranch, Slice, SpecialKind, SpecialPoint, Way
+    from pcm_gym.solving.enumeration import solve_forward, solve_inverse
+    from pcm_gym.solving.equilibrium import Equilibrium, RodCrossing, RodState
+    from pcm_gym.solving.fold_distance import NearestFold, nearest_fold
+    from pcm_gym.solving.home import home_equilibrium
+    from pcm_gym.solving.limits import StructuralLimits
+    from pcm_gym.solving.motion import Motion, Obstacle, PlanningError
+    from pcm_gym.solving.path_certification import PathCertificate, certify_path
+    from pcm_gym.solving.planning import MotionPlanner, plan_motion
+    from pcm_gym.solving.raster import Raster, Region
+    from pcm_gym.solving.raster_states import RasterStates
+    from pcm_gym.solving.relaxation import Snap, SnapStatus, snap
+    from pcm_gym.solving.roadmap import Roadmap, build_roadmap, find_falls
+    from pcm_gym.solving.singular_curve import CurveEnd, SingularCurve
+    from pcm_gym.solving.singularities import forward_singularities, inverse_singularities
+    from pcm_gym.solving.solutions import EquilibriumSet, Family, FamilyKind, StableStates
+    from pcm_gym.solving.tracking import BranchTracker, Event, TrackedStep
 
 __all__ = [
     "Atlas",
@@ -107,3 +112,16 @@ __all__ = [
     "solve_forward",
     "solve_inverse",
 ]
+
+if not TYPE_CHECKING:
+    # What environments need comes without searches, charts and proofs, and so do programs that begin with one.
+    __getattr__ = attribute_loader(
+        __name__,
+        __all__,
+        rooms=(
+            *("equilibrium", "limits", "raster", "roadmap", "budget", "certification", "solutions", "enumeration"),
+            *("home", "path_certification", "tracking", "relaxation", "fold_distance", "critical_load", "motion"),
+            *("planning", "atlas_file", "raster_states", "atlas", "charting", "diagram", "bifurcation"),
+            *("singular_curve", "singularities", "crossings"),
+        ),
+    )
