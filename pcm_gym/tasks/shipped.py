@@ -78,7 +78,7 @@ def _kept(mechanism: Mechanism) -> _Arrays | None:
     if path is None:
         return None
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             kept = {name: archive[name] for name in archive.files}
         is_own = kept["version"] == _VERSION and _are_same(kept["mechanism"], _mechanism_numbers(mechanism))
     except Exception:  # whatever a damaged file's bytes lead zipfile, zlib and NumPy to

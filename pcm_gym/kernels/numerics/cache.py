@@ -28,7 +28,7 @@ _KERNEL_FOLDER = Path(__file__).parents[1]
 _DIGEST_LENGTH = 16
 # A module that is named anywhere, and what is imported from it: every import statement is one, and it costs a hundredth
 # of parsing the file. What else it takes for one only lets a folder's name depend on more.
-_NAMED = re.compile(re.escape(_PACKAGE) + r"((?:\.\w+)*)(?:\s+import\s+(\([^)]*\)|.*))?")
+_NAMED = re.compile(re.escape(_PACKAGE) + r"((?:\.\w+)*)(?:\s+import\s+(\([^)]*\)|(?:\\\n|.)*))?")
 
 
 def cache_root() -> Path:
