@@ -11,7 +11,7 @@ from numba.core.compiler import CompileResult, Flags, compile_extra
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 from numba.core.registry import CPUDispatcher
-from numba.core.types import unliteral
+from numba.core.types import unliteral  # type: ignore[attr-defined]
 
 from pcm_gym.kernels.numerics.cache import KernelCache, PartCache
 from pcm_gym.kernels.numerics.libraries import Entry, Part, Whole

@@ -1,8 +1,8 @@
 """What is said on standard error while kernels are compiled: what is at work, and how much is left.
 
 The amount of work is known before: which kernels a kernel calls stands in its code. A kernel counts as one as a part of
-others, and machine code as one and `_WHOLE` for each kernel in it. What is kept on disk, and what Numba brings along, counts as
-nothing.
+others, and machine code as one and `_WHOLE` for each kernel in it. What is kept on disk, and what Numba brings along,
+counts as nothing.
 """
 
 import sys

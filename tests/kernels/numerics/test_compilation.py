@@ -86,17 +86,17 @@ def test_machine_code_that_kernels_share_is_made_once_and_found_by_each_in_every
     )
     (tmp_path / "script.py").write_text(code)
 
-    def printed(names: str, **variables: str) -> str:
+    def printed(names: str, disabled: str = "0") -> str:
         command = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.argv = ['', {names!r}]; import script"
-        return run(tmp_path / "cache", code=command, **variables)[0]
+        return run(tmp_path / "cache", code=command, NUMBA_DISABLE_JIT=disabled)[0]
 
     for names in ("first second", "second", "other second first", "third second", "first third"):
-        assert printed(names) == printed(names, NUMBA_DISABLE_JIT="1")
+        assert printed(names) == printed(names, "1")
     kept = sorted(path.name for path in (tmp_path / "cache").rglob("*.nbc") if "common" in path.name)
     assert len(kept) == 1  # for both constants
     for path in (tmp_path / "cache").rglob("*common*"):
         path.unlink()
-    assert printed("third first") == printed("third first", NUMBA_DISABLE_JIT="1")
+    assert printed("third first") == printed("third first", "1")
 
 
 def kernels_kept(folder: Path) -> list[str]:
