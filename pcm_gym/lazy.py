@@ -1,7 +1,7 @@
 """Packages whose names are imported when they are first asked for, so that importing the package itself is quick."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -30,6 +30,33 @@ def attribute_loader(package: str, names: Sequence[str], rooms: Sequence[str]) -
                     value = getattr(module, name)
                     setattr(sys.modules[package], name, value)  # which is found without asking from now on
                     return value
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    return load
+
+
+def exact_loader(package: str, rooms: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a package (PEP 562) whose names are each in a room of its own choice.
+
+    For packages whose rooms import from each other, and other things under the same names. No room may have the name of
+    what another gives out: importing it would hide that.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package.
+    rooms : mapping of str to sequence of str
+        Its modules, which it gives out, too, with the names that it takes from each.
+    """
+    room_of = {name: room for room, names in rooms.items() for name in names}
+
+    def load(name: str) -> Any:
+        if name in room_of:
+            value = getattr(import_module(f"{package}.{room_of[name]}"), name)
+            setattr(sys.modules[package], name, value)  # which is found without asking from now on
+            return value
+        if name in rooms:
+            return import_module(f"{package}.{name}")
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return load

@@ -49,6 +49,9 @@ def _step() -> None:
         env.reset(seed=0)
         env.step(env.action_space.sample())
     env.unwrapped.preview(np.zeros((2, 2)))
+    loaded = gymnasium.make(f"PCM/{_MECHANISM}-Reach-v0", load=(0.0, -0.01))  # of which nothing comes with the package
+    loaded.reset(seed=0)
+    loaded.reset(options={"inputs": _home().inputs})  # a pose at which lock-step refuses to judge
 
 
 def _step_batches() -> None:

@@ -2,11 +2,10 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from numpy.typing import ArrayLike
 
-from pcm_gym.solving import Atlas
 from pcm_gym.solving.limits import LimitName
 from pcm_gym.tasks import (
     TASKS,
@@ -20,7 +19,10 @@ from pcm_gym.tasks import (
     TrackDifficulty,
 )
 
-Workspace = Atlas | str | os.PathLike[str] | None
+if TYPE_CHECKING:
+    from pcm_gym.solving import Atlas
+
+Workspace: TypeAlias = "Atlas | str | os.PathLike[str] | None"
 Observe = Literal["all", "rig", "pose"]
 
 

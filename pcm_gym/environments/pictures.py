@@ -10,7 +10,7 @@ from pcm_gym.arrays import Array
 from pcm_gym.environments.settings import Settings
 from pcm_gym.environments.simulation import Simulation
 from pcm_gym.mechanism.validation import shown
-from pcm_gym.solving import Atlas, Equilibrium, Region, load_atlas, solve_forward
+from pcm_gym.solving import Equilibrium, Region
 
 Frame = NDArray[np.uint8]
 
@@ -35,6 +35,8 @@ class Pictures:
 
     def draw(self, simulation: Simulation, row: int, trail: Array | None = None) -> Frame:
         """Return the picture of a row, (height, width, 3), with the way of the end-effector behind it, (n, 2)."""
+        from pcm_gym.solving import solve_forward  # a search that most environments never make
+
         here, task, rows = simulation.equilibrium(row), self._settings.task, simulation.rows
         path = [task.goals.pose(goal) for goal in rows.goals[row]] if task.period > 1 else None
         frame: Frame = self._renderer(int(rows.scene[row]), here).draw(
@@ -60,6 +62,8 @@ class Pictures:
 
 
 def _region(workspace: Any, settings: Settings) -> Region:
+    from pcm_gym.solving import Atlas, load_atlas  # of which most environments show none
+
     atlas = load_atlas(workspace) if isinstance(workspace, str | os.PathLike) else workspace
     if not isinstance(atlas, Atlas):
         raise TypeError(f"render_workspace must be an Atlas, or a file with one, got {shown(workspace)}")

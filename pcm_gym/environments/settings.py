@@ -10,15 +10,13 @@ from pcm_gym.arrays import Array
 from pcm_gym.environments.arguments import DEFAULTS, EnvironmentArguments, Observe, Workspace, task_arguments
 from pcm_gym.environments.realism import Actuators, Randomisation, per_leg
 from pcm_gym.environments.rig import rig_arguments
-from pcm_gym.kernels.charts.roadmap import grow, pose_densities
-from pcm_gym.kernels.charts.walks import walk
-from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
+from pcm_gym.kernels.charts.distances import spread
+from pcm_gym.kernels.charts.walks import walk_in_lanes
 from pcm_gym.kernels.numerics.compilation import expect
 from pcm_gym.kernels.snaps.instability import CONTINUE, HOLD, SNAP, TERMINATE
-from pcm_gym.kernels.statics.equilibrium import describe_equilibrium
-from pcm_gym.kernels.stepping.goals import poses_seen, score_goals
+from pcm_gym.kernels.stepping.goals import poses_seen, score_goals, update_goals
 from pcm_gym.kernels.stepping.report import StepRules
-from pcm_gym.kernels.stepping.transition import describe_batch, step_in_lanes
+from pcm_gym.kernels.stepping.transition import describe_in_lanes, step_in_lanes
 from pcm_gym.mechanism import Mechanism, get_mechanism, mechanism_names
 from pcm_gym.mechanism.validation import (
     number_not_negative,
@@ -39,11 +37,8 @@ _NEARLY_SINGULAR = 0.5
 # Scenes that turn out to have no home are drawn again, up to so many times each.
 _DRAWS_PER_SCENE = 4
 _MOST_VARIANTS = 128
-# What every environment calls until its first step is done: the home, the roadmap, starts and goals, the step.
-_FIRST_CALLED = (
-    *(find_starts, polish_starts, describe_equilibrium, grow, pose_densities, walk),
-    *(poses_seen, score_goals, describe_batch, step_in_lanes),
-)
+# What every environment calls until its first step is done: starts and goals, the step.
+_FIRST_CALLED = (walk_in_lanes, spread, poses_seen, score_goals, describe_in_lanes, update_goals, step_in_lanes)
 
 
 @dataclass(frozen=True)
@@ -109,7 +104,6 @@ class Settings:
     @classmethod
     def from_arguments(cls, mechanism: Mechanism | str, arguments: EnvironmentArguments) -> "Settings":
         """Return the settings for the keyword arguments of an environment; raise if one is not allowed."""
-        expect(*_FIRST_CALLED)
         if isinstance(mechanism, str):
             mechanism = get_mechanism(one_of("mechanism", mechanism, mechanism_names()))
         if not isinstance(mechanism, Mechanism):
@@ -175,10 +169,13 @@ class Settings:
         ValueError
             If a home equilibrium loses stability before it carries the load.
         """
+        expect(*_FIRST_CALLED)
         if self.randomisation.is_off and not self.load_varies:
             scene = self.scene(self.mechanism, self.load_range[0])
+            scene.announce()
             scene.check_seed()  # home is worked out, or refused, before anything else
             return (scene,)
+        self.scene(self.mechanism, self.load_range[1]).announce()
         numbers, found, failure = np.random.default_rng(SPLITS.index(self.split)), [], None
         for _ in range(_DRAWS_PER_SCENE * self.variants):
             mechanism = self.mechanism

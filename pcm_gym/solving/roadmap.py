@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.charts import roadmap as kernels
@@ -29,6 +27,9 @@ from pcm_gym.mechanism.validation import (
 from pcm_gym.solving.equilibrium import Equilibrium
 from pcm_gym.solving.limits import LimitName, limits_of
 from pcm_gym.solving.raster import Raster
+
+if TYPE_CHECKING:  # to import it takes a fifth of an environment's start, and few need it
+    from scipy import sparse
 
 _FIRST_CAPACITY = 1 << 14
 _EXPANDED_AT_ONCE = 1024
@@ -98,7 +99,9 @@ class Roadmap:
         return len(self.cells)
 
     @cached_property
-    def _graph(self) -> sparse.csr_array:
+    def _graph(self) -> "sparse.csr_array":
+        from scipy import sparse
+
         starts, columns = np.nonzero(self.ways >= 0)
         ends = self.ways[starts, columns]
         return sparse.csr_array((np.ones(len(starts)), (starts, ends)), shape=(len(self), len(self)))
@@ -106,6 +109,8 @@ class Roadmap:
     @cached_property
     def components(self) -> Integers:
         """Component of each node, (n,), the largest first: nodes of one are joined by stable paths."""
+        from scipy.sparse import csgraph
+
         _, labels = csgraph.connected_components(self._graph, directed=False)
         sizes = np.bincount(labels)
         ranks = np.empty(len(sizes), dtype=np.int64)
@@ -140,6 +145,9 @@ class Roadmap:
         most : float
             Ways of more steps count as none.
         """
+        from scipy import sparse
+        from scipy.sparse import csgraph
+
         graph, sources = self._graph, self.checked_nodes("nodes", nodes)
         falls = None if falls is None else whole_array("falls", falls, ("m", 2), 0, len(self) - 1)
         most = limit_not_negative("most", most)
@@ -155,6 +163,8 @@ class Roadmap:
 
     def way(self, start: int, goal: int) -> Integers:
         """Return the nodes of a shortest way from `start` to `goal`, both included; empty where there is none."""
+        from scipy.sparse import csgraph
+
         start, goal = self._checked("start", start), self._checked("goal", goal)
         _, before = csgraph.dijkstra(self._graph, indices=start, unweighted=True, return_predecessors=True)
         if start != goal and before[goal] < 0:

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pcm_gym.arrays import Array, Integers, Mask
-from pcm_gym.kernels.charts.roadmap import move_rows
+from pcm_gym.kernels.charts.roadmap import grow, move_rows, pose_densities
 from pcm_gym.kernels.charts.walks import walk
+from pcm_gym.kernels.enumeration.linearisation import linearised
+from pcm_gym.kernels.numerics.notice import expect
 from pcm_gym.kernels.numerics.threads import MOST_THREADS, pieces_of, run_all
 from pcm_gym.kernels.snaps.instability import TERMINATE
+from pcm_gym.kernels.statics.equilibrium import describe_equilibrium
 from pcm_gym.kernels.statics.states import States
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import (
@@ -24,10 +27,11 @@ from pcm_gym.mechanism.validation import (
     whole_array,
     whole_number,
 )
-from pcm_gym.solving import BranchTracker, Equilibrium, Event, Roadmap, build_roadmap, home_equilibrium
+from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap
 from pcm_gym.solving.limits import LimitName, StructuralLimits, limits_of
 from pcm_gym.solving.roadmap import roadmap_raster, takes_root
 from pcm_gym.tasks.memory import remembered
+from pcm_gym.tasks.shipped import shipped_home, shipped_roadmap
 
 # Targets of walks keep this many of the agent's steps from the actuators' limits.
 _LIMIT_RESERVE = 2.0
@@ -99,6 +103,16 @@ class Scene:
         """Number of the agent's steps that the way between two neighbouring nodes takes."""
         return math.ceil(max(pitch / stride for pitch, stride in zip(self.pitch, self.stride, strict=True)) - 1e-9)
 
+    def announce(self) -> None:
+        """Announce the kernels that home and roadmap take, where they must be worked out."""
+        if shipped_home(self.mechanism) is None:
+            from pcm_gym.kernels.enumeration.forward_search import find_starts, polish_starts
+            from pcm_gym.kernels.enumeration.found import keep_partners
+
+            expect(find_starts, polish_starts, keep_partners, linearised)
+        if self._shipped_roadmap is None:
+            expect(describe_equilibrium, grow, pose_densities)
+
     @property
     def home(self) -> Equilibrium:
         """The home equilibrium under the load."""
@@ -128,7 +142,7 @@ class Scene:
     def check_roadmap(self) -> None:
         """Raise a ValueError if nothing can be reached with the reserve: if the seed does not keep it, or a limit."""
         self.check_seed()
-        if not _takes_root(self):
+        if self._shipped_roadmap is None and not _takes_root(self):
             raise ValueError(
                 f"{self.seed_name} must keep the singularity margin of starts and goals, {self.reserve:.3g}, and "
                 f"limits {self.limits}, to the middle of its cell of inputs; got {self.seed.singularity_margin:.3g} at "
@@ -146,6 +160,13 @@ class Scene:
             If that equilibrium does not keep the reserve.
         """
         return _roadmap(self)
+
+    @property
+    def _shipped_roadmap(self) -> Roadmap | None:
+        """The roadmap, if it comes with the package."""
+        if self.origin is not None or any(self.load) or self.limits:
+            return None
+        return shipped_roadmap(self.mechanism, self.step, self.reserve)
 
     def starts(self, numbers: ArrayLike, threads: int = 1) -> States:
         """Return states (n, ...) drawn by `numbers` from [0, 1), (n, 1 + legs), evenly over the poses of each sheet."""
@@ -310,6 +331,8 @@ def _are_same(states: States, others: States) -> Mask:
 
 def reached(start: Equilibrium, inputs: ArrayLike, load: Array, name: str) -> Equilibrium:
     """Return the equilibrium at `inputs` under `load` on the branch of `start`; raise if the way ends before."""
+    from pcm_gym.solving import BranchTracker, Event  # with all that proofs take
+
     if np.array_equal(inputs, start.inputs) and np.array_equal(load, start.load):
         return start
     step = BranchTracker(start.mechanism, start).step(inputs, load)
@@ -327,11 +350,19 @@ def _home(mechanism: Mechanism, load: tuple[float, ...]) -> Equilibrium:
     if any(load):
         free = _home(mechanism, (0.0,) * mechanism.dof)
         return reached(free, free.inputs, np.array(load), "load")
+    shipped = shipped_home(mechanism)
+    if shipped is not None:
+        return shipped
+    from pcm_gym.solving import home_equilibrium  # with the search for all equilibria
+
     return home_equilibrium(mechanism)
 
 
 @remembered
 def _roadmap(scene: Scene) -> Roadmap:
+    shipped = scene._shipped_roadmap
+    if shipped is not None:
+        return shipped
     scene.check_roadmap()
     return build_roadmap(
         scene.mechanism, [scene.seed], step=scene.step, least_margin=scene.reserve, limits=scene.limits

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pcm_gym.arrays import Array, Integers, Mask
 from pcm_gym.kernels.charts.distances import FAR, all_neighbours
 from pcm_gym.mechanism.validation import one_of
-from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls, solve_forward
+from pcm_gym.solving import Equilibrium, Roadmap, build_roadmap, find_falls
 from pcm_gym.tasks.distances import steps_per_way, ways_from
 from pcm_gym.tasks.memory import remembered
 from pcm_gym.tasks.scene import Scene
@@ -167,6 +167,8 @@ def _from_origin(scene: Scene, may_fall: bool) -> Switches:
 
 
 def _stable_at(scene: Scene, inputs: Array) -> list[Equilibrium]:
+    from pcm_gym.solving import solve_forward  # a search that other tasks never make
+
     rho_max = _RHO_MAX[scene.mechanism.leg_count]
     return list(solve_forward(scene.mechanism, inputs, scene.load, rho_max).stable)
 

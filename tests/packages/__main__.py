@@ -51,9 +51,8 @@ def complaints_of_wheel(wheel: Path) -> Iterator[str]:
         for name in names:
             if name.partition("/")[0] not in ("pcm_gym", info):
                 yield f"the wheel holds {name}"
-        sources = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pcm_gym").rglob("*.py")} | {
-            "pcm_gym/py.typed"
-        }
+        own = (path for ending in (".py", ".npz") for path in (ROOT / "pcm_gym").rglob(f"*{ending}"))
+        sources = {path.relative_to(ROOT).as_posix() for path in own} | {"pcm_gym/py.typed"}
         for name in sources - set(names):
             yield f"the wheel lacks {name}"
         metadata = email.message_from_bytes(archive.read(f"{info}/METADATA"))

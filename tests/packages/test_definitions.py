@@ -1,6 +1,8 @@
 """What stands in several places about the package says the same; ``python -m tests.packages`` tries what is built."""
 
 import ast
+import importlib
+import pkgutil
 import re
 import tomllib
 from pathlib import Path
@@ -87,3 +89,18 @@ def test_type_checkers_know_the_names_that_are_given_out() -> None:
     }
     assert set(pcm_gym.__all__) - imported == {"__version__"}
     assert imported - set(pcm_gym.__all__) == {"attribute_loader", "register_environments"}
+
+
+@pytest.mark.parametrize("package", ["pcm_gym", "pcm_gym.environments", "pcm_gym.solving"])
+def test_names_that_are_looked_for_when_asked_for_are_those_that_type_checkers_see(package: str) -> None:
+    """Whatever rooms call what they import themselves, and in whatever order they are imported."""
+    own = importlib.import_module(package)
+    path = Path(str(own.__file__))
+    for room in pkgutil.iter_modules([str(path.parent)]):
+        if room.name != "__main__":
+            importlib.import_module(f"{package}.{room.name}")
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package) and node.col_offset:
+            for alias in node.names:
+                wanted = getattr(importlib.import_module(str(node.module)), alias.name)
+                assert getattr(own, alias.name) is wanted, alias.name

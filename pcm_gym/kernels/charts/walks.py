@@ -1,5 +1,7 @@
 """Walks of many rows at once along stable equilibria, towards inputs: how starts and goals are drawn."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcm_gym.arrays import Array, Integers
@@ -9,6 +11,7 @@ from pcm_gym.kernels.lockstep.lanes import step_block
 from pcm_gym.kernels.lockstep.layout import LANES, CommonLanes, make_block
 from pcm_gym.kernels.lockstep.rows import load_lane, store_lane
 from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.numerics.rasters import NOWHERE
 from pcm_gym.kernels.statics.closure import Workspace, make_workspace
 from pcm_gym.kernels.statics.margin import singularity_margin
 from pcm_gym.kernels.statics.states import Point, States
@@ -17,18 +20,43 @@ from pcm_gym.kernels.statics.states import Point, States
 _LEAST_PART = 0.25
 
 
-@kernel
+class _Walked(NamedTuple):
+    """How walks have gone so far."""
+
+    part: Array  # (n,): of a step, that is tried next
+    left: Array  # (n,): steps
+    refused: Integers  # (n,): rows whose next step lock-step cannot make, the first of these
+
+
 def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Integers, least_margin: float) -> None:
     """Walk in every row towards the inputs `targets` (n, legs) in increments of at most `stride`, in place.
 
     A walk ends at its target, after `steps` (n,) steps, or before the first one that, made in quarters, would leave
     the stable branch or come nearer to a fold than `least_margin`. So whoever repeats the walk meets neither.
     """
-    all_count, size = states.x.shape
-    line, work, block = make_line(legs.shape[0], size), make_workspace(legs.shape[0], size), make_block(legs.shape[0])
-    goal, part, left = np.empty(legs.shape[0]), np.ones(all_count), steps.astype(np.float64)
-    rows = np.arange(all_count)
-    count = _keep_walking(states, targets, left, rows, all_count)
+    count, rows = len(steps), np.arange(len(steps))
+    walked = _Walked(np.ones(count), steps.astype(np.float64), np.empty(count, dtype=np.int64))
+    while count > 0:
+        count = walk_in_lanes(legs, states, targets, stride, walked, least_margin, rows)
+        rows = walked.refused[:count].copy()
+        if count > 0:
+            _step_alone(legs, states, targets, stride, walked, least_margin, rows)
+
+
+@kernel
+def walk_in_lanes(
+    legs: Array,
+    states: States,
+    targets: Array,
+    stride: Array,
+    walked: _Walked,
+    least_margin: float,
+    rows: Integers,
+) -> int:
+    """Walk in some rows, whose array is used up, as far as lock-step can; return how many it refuses."""
+    block, goal, refused_count = make_block(legs.shape[0]), np.empty(legs.shape[0]), 0
+    part, left = walked.part, walked.left
+    count = _keep_walking(states, targets, left, rows, rows.shape[0])
     while count > 0:
         for first in range(0, count, LANES):
             here = min(LANES, count - first)
@@ -39,20 +67,41 @@ def walk(legs: Array, states: States, targets: Array, stride: Array, steps: Inte
             step_block(legs, block, here, states.load.shape[1])
             for lane in range(here):
                 row = rows[first + lane]
-                is_refused = block.common[0].is_sound[lane] == 0.0
-                if is_refused and part[row] > _LEAST_PART:
-                    part[row] *= 0.5
+                if block.common[0].is_sound[lane] == 0.0:
+                    if part[row] > _LEAST_PART:
+                        part[row] *= 0.5
+                    else:
+                        walked.refused[refused_count] = row
+                        refused_count += 1
+                        rows[first + lane] = NOWHERE
                     continue
                 made = min(part[row], left[row])
-                if is_refused:
-                    _set_goal(states.inputs[row], targets[row], stride, made, goal)
-                    is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
-                else:
-                    is_kept = _is_kept(block.common[0], lane, least_margin)
-                    if is_kept:
-                        store_lane(states, row, block, lane)
+                is_kept = _is_kept(block.common[0], lane, least_margin)
+                if is_kept:
+                    store_lane(states, row, block, lane)
                 left[row] = left[row] - made if is_kept else 0.0
         count = _keep_walking(states, targets, left, rows, count)
+    return refused_count
+
+
+@kernel
+def _step_alone(
+    legs: Array,
+    states: States,
+    targets: Array,
+    stride: Array,
+    walked: _Walked,
+    least_margin: float,
+    rows: Integers,
+) -> None:
+    """Make the next step of walks in rows where lock-step cannot, by all that `track` can do."""
+    line, work = make_line(legs.shape[0], states.x.shape[1]), make_workspace(legs.shape[0], states.x.shape[1])
+    goal, part, left = np.empty(legs.shape[0]), walked.part, walked.left
+    for row in rows:
+        made = min(part[row], left[row])
+        _set_goal(states.inputs[row], targets[row], stride, made, goal)
+        is_kept = _walk_alone(legs, states, row, goal, least_margin, line, work)
+        left[row] = left[row] - made if is_kept else 0.0
 
 
 @formula
@@ -86,10 +135,12 @@ def _walk_alone(
 
 @kernel
 def _keep_walking(states: States, targets: Array, left: Array, rows: Integers, count: int) -> int:
-    """Move the rows that have further to walk to the front; return how many they are."""
+    """Move the rows that have further to walk to the front, `NOWHERE` left out; return how many they are."""
     kept = 0
     for k in range(count):
         row, is_there = rows[k], True
+        if row == NOWHERE:
+            continue
         for i in range(targets.shape[1]):
             is_there = is_there and states.inputs[row, i] == targets[row, i]
         if left[row] > 0.0 and not is_there:

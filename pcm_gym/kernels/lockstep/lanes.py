@@ -29,7 +29,7 @@ from pcm_gym.kernels.lockstep.layout import (
     triple,
 )
 from pcm_gym.kernels.lockstep.verdicts import judge_block, residual, set_index
-from pcm_gym.kernels.numerics.compilation import formula, kernel
+from pcm_gym.kernels.numerics.compilation import formula, kernel, shared_kernel
 from pcm_gym.kernels.numerics.linear import Symmetric, solve_symmetric, trace_of_inverse
 from pcm_gym.kernels.rods.elliptic import LARGEST_ANGLE, sine_and_cosine
 from pcm_gym.kernels.rods.rod import rod_in_lanes
@@ -80,9 +80,7 @@ def step_block(legs: Array, block: Block, count: int, dof: int) -> int:
     Set are the loads at the tips, inputs, new inputs, pose and load. Afterwards the lanes in which `is_sound` is 1 are
     at the equilibrium that a natural step of `track` over the whole way accepts; the others are to be tracked alone.
     """
-    computed = _fill_up(block, count)
-    _step_lanes(legs, block, computed, dof)
-    return computed
+    return _work_out(legs, block, count, dof, True)
 
 
 @kernel
@@ -92,11 +90,17 @@ def rest_block(legs: Array, block: Block, count: int, dof: int) -> int:
     Set are the loads at the tips, inputs, as inputs to move to the same ones, pose and load. Afterwards the lanes in
     which `is_sound` is 1 are told as after a step that ends there; the others are left to the scalar code.
     """
+    return _work_out(legs, block, count, dof, False)
+
+
+@shared_kernel
+def _work_out(legs: Array, block: Block, count: int, dof: int, is_step: bool) -> int:
+    """Do what `step_block` or `rest_block` does. All that goes in lock-step goes through here: compiled once."""
     computed = _fill_up(block, count)
-    block.common[0].is_sound[:computed] = 1.0
-    _place_clamps(legs, block, computed, 1.0)
-    _finish(legs, block, computed, dof)
-    set_margins(legs, block, computed, dof)
+    if is_step:
+        _step_lanes(legs, block, computed, dof)
+    else:
+        _rest_lanes(legs, block, computed, dof)
     return computed
 
 
@@ -122,6 +126,14 @@ def _fill_up(block: Block, count: int) -> int:
         set_triple(common.pose, lane, triple(common.pose, last))
         set_triple(common.load, lane, triple(common.load, last))
     return filled
+
+
+@kernel
+def _rest_lanes(legs: Array, block: Block, count: int, dof: int) -> None:
+    block.common[0].is_sound[:count] = 1.0
+    _place_clamps(legs, block, count, 1.0)
+    _finish(legs, block, count, dof)
+    set_margins(legs, block, count, dof)
 
 
 @kernel

@@ -8,15 +8,15 @@ Python and the kind of processor are told apart too. A cache that cannot be read
 written is done without, which is said once.
 """
 
-import ast
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import platformdirs
@@ -26,6 +26,9 @@ from numba.core.compiler import compile_result
 _PACKAGE = "pcm_gym.kernels"
 _KERNEL_FOLDER = Path(__file__).parents[1]
 _DIGEST_LENGTH = 16
+# A module that is named anywhere, and what is imported from it: every import statement is one, and it costs a hundredth
+# of parsing the file. What else it takes for one only lets a folder's name depend on more.
+_NAMED = re.compile(re.escape(_PACKAGE) + r"((?:\.\w+)*)(?:\s+import\s+(\([^)]*\)|(?:\\\n|.)*))?")
 
 
 def cache_root() -> Path:
@@ -37,28 +40,30 @@ def source_digest(source: Path) -> str:
     """Hexadecimal digest of a source file, of all kernel modules that it is built on, and of Numba's version."""
     found, pending = {source}, [source]
     while pending:
-        new = _imported(pending.pop()) - found
+        new = _read(pending.pop()).imported - found
         found |= new
         pending.extend(new)
     digest = hashlib.sha256(numba.__version__.encode())
     for name, path in sorted((_module_name(path), path) for path in found):
         digest.update(name.encode())
-        digest.update(path.read_bytes())
+        digest.update(_read(path).digest)
     return digest.hexdigest()[:_DIGEST_LENGTH]
 
 
+class _Source(NamedTuple):
+    digest: bytes
+    imported: frozenset[Path]
+
+
 @lru_cache(maxsize=256)
-def _imported(path: Path) -> frozenset[Path]:
-    """Return the kernel modules that a source file names in its imports."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            names.update([node.module], (f"{node.module}.{alias.name}" for alias in node.names))
-    inside = (name.removeprefix(f"{_PACKAGE}.") for name in names if name.startswith(f"{_PACKAGE}."))
-    files = (_KERNEL_FOLDER.joinpath(*name.split(".")).with_suffix(".py") for name in inside)
-    return frozenset(file for file in files if file.exists())
+def _read(path: Path) -> _Source:
+    """Return the digest of a source file, and the kernel modules that it imports."""
+    content = path.read_bytes()
+    modules: set[str] = set()
+    for module, names in _NAMED.findall(content.decode()):
+        modules.update([module], (f"{module}.{name}" for name in re.findall(r"\w+", names)))
+    files = (_KERNEL_FOLDER.joinpath(*module.split(".")).with_suffix(".py") for module in modules if module)
+    return _Source(hashlib.sha256(content).digest(), frozenset(file for file in files if file.exists()))
 
 
 def _module_name(source: Path) -> str:

@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, TypeVar
 
 from numba.core import config
@@ -10,9 +11,10 @@ from numba.core.compiler import CompileResult, Flags, compile_extra
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 from numba.core.registry import CPUDispatcher
+from numba.core.types import unliteral  # type: ignore[attr-defined]
 
 from pcm_gym.kernels.numerics.cache import KernelCache, PartCache
-from pcm_gym.kernels.numerics.libraries import Part, Whole
+from pcm_gym.kernels.numerics.libraries import Entry, Part, Whole
 from pcm_gym.kernels.numerics.notice import expect as expect
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -27,7 +29,15 @@ def kernel(function: Function) -> Function:
     would make ``isnan`` constant. Kernels let go of Python's global lock, so that threads may run them side by side.
     With ``NUMBA_DISABLE_JIT=1`` the plain Python function is returned.
     """
-    return _compiled(function, is_formula=False)
+    return _compiled(function)
+
+
+def shared_kernel(function: Function) -> Function:
+    """Compile a large `kernel` once: its machine code is no part of those that call it, they share it.
+
+    For what several kernels call that Python calls, and calls of which take long beside the call itself.
+    """
+    return _compiled(function, is_shared=True)
 
 
 def formula(function: Function) -> Function:
@@ -38,8 +48,8 @@ def formula(function: Function) -> Function:
     return _compiled(function, is_formula=True)
 
 
-def _compiled(function: Function, *, is_formula: bool) -> Function:
-    return function if config.DISABLE_JIT else Kernel(function, is_formula)
+def _compiled(function: Function, *, is_formula: bool = False, is_shared: bool = False) -> Function:
+    return function if config.DISABLE_JIT else Kernel(function, is_formula, is_shared)
 
 
 class _CompilerInto(_FunctionCompiler):
@@ -77,7 +87,11 @@ class _PartOfOthers(CPUDispatcher):
         super().__init__(function, targetoptions={**_OPTIONS, "no_cpython_wrapper": True, "forceinline": is_formula})
         self._compiler = _CompilerInto(self, Part)
         if not is_formula:  # a formula is within the kernels that are kept
-            self._cache = PartCache(function)
+            del self._cache  # Numba's, which is none
+
+    @cached_property
+    def _cache(self) -> PartCache:
+        return PartCache(self.py_func)
 
     @property
     def is_kept(self) -> bool:
@@ -90,12 +104,17 @@ class Kernel(CPUDispatcher):
 
     is_part = False
 
-    def __init__(self, function: Callable[..., Any], is_formula: bool) -> None:
+    def __init__(self, function: Callable[..., Any], is_formula: bool, is_shared: bool) -> None:
         super().__init__(function, targetoptions=_OPTIONS)
         self._compiler = _CompilerInto(self, Whole)
-        self._cache = KernelCache(function)
-        self.is_formula = is_formula
+        del self._cache  # Numba's, which is none
+        self.is_formula, self.is_shared = is_formula, is_shared
         self._own_part: _PartOfOthers | None = None
+
+    @cached_property
+    def _cache(self) -> KernelCache:
+        # there are hundreds of kernels, of which a process calls a few
+        return KernelCache(self.py_func)
 
     @property
     def is_kept(self) -> bool:
@@ -111,11 +130,13 @@ class Kernel(CPUDispatcher):
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return how Numba is to type a call from a kernel."""
-        return self.part.get_call_template(args, kws)
+        if not self.is_formula:  # one machine code for all constants
+            args, kws = tuple(map(unliteral, args)), {name: unliteral(own) for name, own in kws.items()}
+        return super().get_call_template(args, kws) if self.is_shared else self.part.get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
         """Return what Numba knows the function by that a kernel calls."""
-        return self.part.get_overload(sig)
+        return super().get_overload(sig) if self.is_shared else self.part.get_overload(sig)
 
     @property
     def is_compiling(self) -> Any:
@@ -131,7 +152,23 @@ class Kernel(CPUDispatcher):
                 result = next(reversed(self.overloads.values()))
                 for environment in result._find_referenced_environments():  # those of its parts too
                     result.library.codegen.set_env(environment.env_name, environment)
+                if self.is_shared:
+                    function = self.py_func
+                    own = Entry(function.__module__, function.__name__, result.signature.args, _symbol(result))
+                    result.library._reload_init.add(own)  # which Numba hands on to all that is built on it
             return entry
+
+    def address(self, signature: tuple[Any, ...]) -> int:
+        """Return where the machine code for a signature is, compiled or loaded if need be."""
+        self.compile(signature)
+        result = self.overloads[signature]
+        found: int = result.library.get_pointer_to_function(_symbol(result))
+        return found
+
+
+def _symbol(result: CompileResult) -> str:
+    name: str = result.fndesc.llvm_func_name
+    return name
 
 
 @contextmanager

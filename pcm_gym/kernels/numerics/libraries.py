@@ -3,13 +3,15 @@
 Numba turns every function into machine code, with all that it calls in it, before another one takes it over. What lies
 deep is then optimised and translated once for each function above it, which takes most of the time. Here a kernel that
 kernels call is only a part: code for LLVM, as it is written, with that of all it calls. A kernel that Python calls is a
-whole: its parts are put together, optimised as one and translated, once.
+whole: its parts are put together, optimised as one and translated, once. A whole may call another one, whose code is no
+part of it: it knows it by its name.
 """
 
 from collections.abc import Iterator
-from typing import Any
+from importlib import import_module
+from typing import Any, NamedTuple
 
-from llvmlite.binding import Linkage, parse_bitcode
+from llvmlite.binding import Linkage, add_symbol, parse_assembly, parse_bitcode
 from numba.core.codegen import CPUCodegen, JITCodeLibrary
 
 # How names of compiled Python functions begin in LLVM.
@@ -69,6 +71,10 @@ class Whole(JITCodeLibrary):
     def _functions(self) -> Iterator[Any]:
         return (function for function in self._final_module.functions if not function.is_declaration)
 
+    def _get_module_for_linking(self) -> Any:
+        # who calls it takes nothing over
+        return parse_assembly("")
+
     def serialize_using_object_code(self) -> tuple[str, type["Whole"], tuple[bytes, list[str]]]:
         """Return what `restored` needs: no code for others to take over, there are parts for that."""
         self._ensure_finalized()
@@ -84,3 +90,17 @@ class Whole(JITCodeLibrary):
         whole._finalize_final_module()
         codegen._engine._defined_symbols.update(kept[1])
         return whole
+
+
+class Entry(NamedTuple):
+    """A whole that other machine code calls. Numba calls it before it loads such code."""
+
+    module: str
+    kernel: str
+    signature: tuple[Any, ...]
+    symbol: str  # by which it is called, a name that changes from process to process
+
+    def __call__(self) -> None:
+        """Load the whole, or compile it, and tell the loader where it is."""
+        kernel = getattr(import_module(self.module), self.kernel)
+        add_symbol(self.symbol, kernel.address(self.signature))

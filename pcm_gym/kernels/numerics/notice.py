@@ -1,8 +1,8 @@
 """What is said on standard error while kernels are compiled: what is at work, and how much is left.
 
 The amount of work is known before: which kernels a kernel calls stands in its code. A kernel counts as one as a part of
-others, and machine code as `_WHOLE` for each kernel in it. What is kept on disk, and what Numba brings along, counts as
-nothing.
+others, and machine code as one and `_WHOLE` for each kernel in it. What is kept on disk, and what Numba brings along,
+counts as nothing.
 """
 
 import sys
@@ -40,10 +40,12 @@ class _Notice(event.Listener):
         if kernel.is_kept:
             return
         below = list(_kernels_below(kernel))
-        self._left[whole] = _WHOLE * len(below)
+        self._left[whole] = 1.0 + _WHOLE * len(below)
         for called in below:
             part = (called.py_func, True)
-            if part not in self._known and not called.part.is_kept:
+            if called.is_shared:
+                self.expect(called)
+            elif part not in self._known and not called.part.is_kept:
                 self._known.add(part)
                 self._left[part] = 1.0
 
@@ -79,15 +81,19 @@ def _is_ours(dispatcher: Any) -> bool:
 
 
 def _kernels_below(kernel: Any) -> Iterator[Any]:
-    """Yield a kernel and all that it calls, formulas left out, which are within their callers."""
+    """Yield all that a kernel calls and takes over, and those that it shares with others.
+
+    Formulas are left out, which are within their callers.
+    """
     found, pending = {kernel}, [kernel]
     while pending:
         above = pending.pop()
-        if not above.is_formula:
+        if above is not kernel and not above.is_formula:
             yield above
-        new = _named_in(above.py_func) - found
-        found |= new
-        pending.extend(new)
+        if above is kernel or not above.is_shared:
+            new = _named_in(above.py_func) - found
+            found |= new
+            pending.extend(new)
 
 
 def _named_in(function: Any) -> set[Any]:

@@ -41,20 +41,23 @@ def step_batch(
     """
     left, done = np.empty(len(rows), dtype=np.int64), 0
     while done < len(rows):
-        count, left_count = step_in_lanes(legs, states, rows[done:], moves, rules, report, left)
-        if left_count > 0:
-            step_alone(legs, states, left[:left_count], moves, rules, report)
+        count, not_stepped, not_described = step_in_lanes(legs, states, rows[done:], moves, rules, report, left)
+        if not_stepped > 0:
+            step_alone(legs, states, left[:not_stepped], moves, rules, report)
+        if not_described > 0:
+            describe_alone(legs, states, left[-not_described:], rules, report)
         done += count
 
 
 @kernel
 def step_in_lanes(
     legs: Array, states: States, rows: Integers, moves: Moves, rules: StepRules, report: Report, left: Integers
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Do what `step_batch` does in the first rows, as far as lock-step can; fill `left` with those where it cannot.
 
-    Return how many rows were looked at, all, unless many of them are refused, and how many are left. Falls and all that
-    they need are no part of this kernel: most programs begin without them.
+    Return how many rows were looked at, all, unless many of them are refused; how many are left to be stepped, the
+    first of `left`; and how many have arrived and are left to `describe_alone`, the last of it. Falls and all else that
+    the scalar code needs are no part of this kernel: most programs begin without them.
     """
     block, target, seen = make_block(legs.shape[0]), np.empty(legs.shape[0]), make_seen(report)
     actions, stride, common = moves.actions, moves.stride, block.common[0]
@@ -80,19 +83,20 @@ def step_in_lanes(
         if refused_count >= _REFUSED_AT_ONCE:
             break
     if refused_count == 0:
-        return done, 0
+        return done, 0, 0
     refused, parts = refused[:refused_count], parts[:refused_count]
     is_cut, targets = np.empty(refused_count, np.bool_), np.empty((refused_count, legs.shape[0]))
     for k in range(refused_count):
         is_cut[k] = _set_target(legs, states.inputs, actions, refused[k], stride, targets[k])
     has_arrived = _step_in_parts(legs, states, refused, parts, targets, block)
-    _report_arrived(legs, states, refused[has_arrived], is_cut[has_arrived], rules, report, block)
+    odd = _report_arrived(legs, states, refused[has_arrived], is_cut[has_arrived], rules, report, block)
+    left[left.shape[0] - odd.shape[0] :] = odd
     remaining = refused[~has_arrived]
     if rules.behaviour == GIVE_UP:
         _give_up(remaining, rules, report)
-        return done, 0
+        return done, 0, int(odd.shape[0])
     left[: remaining.shape[0]] = remaining
-    return done, int(remaining.shape[0])
+    return done, int(remaining.shape[0]), int(odd.shape[0])
 
 
 @kernel
@@ -176,14 +180,26 @@ def step_alone(
             report.verdicts[row]["energy_released"] = falls[ENERGY]
 
 
-@kernel
 def describe_batch(legs: Array, states: States, rows: Integers, report: Report) -> None:
     """Fill `report` in some rows, for states at rest: no costs, no event."""
-    is_cut = np.zeros(rows.shape[0], np.bool_)
-    _report_arrived(legs, states, rows, is_cut, StepRules(TERMINATE, 0.0), report, make_block(legs.shape[0]))
-    for row in rows:  # where no margin is too small, nothing is cut and nothing happens, only instability would cost
-        report.verdicts[row]["cost_unstable"] = 0.0
-        report.verdicts[row]["is_dwelling"] = False
+    left, rules = np.empty(len(rows), dtype=np.int64), StepRules(TERMINATE, 0.0)
+    not_described = describe_in_lanes(legs, states, rows, rules, report, left)
+    if not_described > 0:
+        describe_alone(legs, states, left[:not_described], rules, report)
+    # where no margin is too small, nothing is cut and nothing happens, only instability would cost
+    report.verdicts["cost_unstable"][rows] = 0.0
+    report.verdicts["is_dwelling"][rows] = False
+
+
+@kernel
+def describe_in_lanes(
+    legs: Array, states: States, rows: Integers, rules: StepRules, report: Report, left: Integers
+) -> int:
+    """Fill `report` in rows at rest; return how many are left to `describe_alone`, the first of `left`."""
+    is_cut, block = np.zeros(rows.shape[0], np.bool_), make_block(legs.shape[0])
+    odd = _report_arrived(legs, states, rows, is_cut, rules, report, block)
+    left[: odd.shape[0]] = odd
+    return int(odd.shape[0])
 
 
 @kernel
@@ -195,9 +211,9 @@ def _report_arrived(
     rules: StepRules,
     report: Report,
     block: Block,
-) -> None:
-    """Fill `report` in rows that have gone the whole way to where they are."""
-    seen, work, common = make_seen(report), make_workspace(legs.shape[0], states.x.shape[1]), block.common[0]
+) -> Integers:
+    """Fill `report` in rows that have gone the whole way to where they are; return those left to `describe_alone`."""
+    seen, common, odd, odd_count = make_seen(report), block.common[0], np.empty_like(rows), 0
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(count):
@@ -208,14 +224,24 @@ def _report_arrived(
         for lane in range(count):
             row, is_here_cut = rows[first + lane], is_cut[first + lane]
             if common.is_sound[lane] == 0.0:
-                x, inputs = states.x[row], states.inputs[row]
-                place(legs, x, inputs, work)
-                tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
-                set_features(legs, x, inputs, work, report.features[row])
-                margin = singularity_margin(legs, x, work)
-                report_row(row, tracked, margin, is_here_cut, rules, report)
+                report.verdicts[row]["at_limit"] = is_here_cut
+                odd[odd_count] = row
+                odd_count += 1
             else:
                 report_lane(row, common, lane, seen, is_here_cut, rules, report)
+    return odd[:odd_count]
+
+
+@kernel
+def describe_alone(legs: Array, states: States, rows: Integers, rules: StepRules, report: Report) -> None:
+    """Fill `report` in rows that have gone the whole way; it tells already whether their increment was cut."""
+    work = make_workspace(legs.shape[0], states.x.shape[1])
+    for row in rows:
+        x, inputs, is_cut = states.x[row], states.inputs[row], report.verdicts[row]["at_limit"]
+        place(legs, x, inputs, work)
+        tracked = judge(legs, x, states.load[row], NONE, 1.0, work)
+        set_features(legs, x, inputs, work, report.features[row])
+        report_row(row, tracked, singularity_margin(legs, x, work), is_cut, rules, report)
 
 
 @formula

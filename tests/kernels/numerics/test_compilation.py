@@ -1,5 +1,6 @@
 """Compiling says what it does, once, and is done anew after every change of a kernel."""
 
+import ast
 import os
 import re
 import shutil
@@ -60,6 +61,42 @@ def test_machine_code_is_made_for_what_python_calls_alone(tmp_path: Path) -> Non
     run(tmp_path, code="import numpy as np; from pcm_gym.kernels.rods.rod import rod_shape" + second)
     assert wholes(tmp_path) == {"rod", "rod_shape"}
     assert {path: path.stat().st_mtime_ns for path in times} == times
+
+
+def test_machine_code_that_kernels_share_is_made_once_and_found_by_each_in_every_process(tmp_path: Path) -> None:
+    """Its name in LLVM differs from process to process; and if it is not kept, it is made again."""
+    code = (
+        "import sys, numpy as np\n"
+        "from pcm_gym.kernels.numerics.compilation import kernel, shared_kernel\n"
+        "@kernel\n"
+        "def other(x): return x + 1.0\n"
+        "@shared_kernel\n"
+        "def common(values, is_double):\n"
+        "    values[:] = other(values[0]) * (2.0 if is_double else 3.0)\n"
+        "    return len(values)\n"
+        "@kernel\n"
+        "def between(values): return common(values, False)\n"
+        "@kernel\n"
+        "def first(values): return common(values, True) + between(values)\n"
+        "@kernel\n"
+        "def second(values): return between(values) - values[1]\n"
+        "@kernel\n"
+        "def third(values): return 10.0 * between(values) + values[0]\n"
+        "for name in sys.argv[1].split(): print(globals()[name](np.ones(2)), end=' ')\n"
+    )
+    (tmp_path / "script.py").write_text(code)
+
+    def printed(names: str, disabled: str = "0") -> str:
+        command = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.argv = ['', {names!r}]; import script"
+        return run(tmp_path / "cache", code=command, NUMBA_DISABLE_JIT=disabled)[0]
+
+    for names in ("first second", "second", "other second first", "third second", "first third"):
+        assert printed(names) == printed(names, "1")
+    kept = sorted(path.name for path in (tmp_path / "cache").rglob("*.nbc") if "common" in path.name)
+    assert len(kept) == 1  # for both constants
+    for path in (tmp_path / "cache").rglob("*common*"):
+        path.unlink()
+    assert printed("third first") == printed("third first", "1")
 
 
 def kernels_kept(folder: Path) -> list[str]:
@@ -173,10 +210,48 @@ def test_digest_depends_on_exactly_the_modules_that_an_import_loads(name: str, c
     source = copied_kernels.joinpath(*name.split(".")).with_suffix(".py")
     for path in sorted(copied_kernels.glob("*/[a-z]*.py")):
         before = cache.source_digest(source)
-        cache._imported.cache_clear()
+        cache._read.cache_clear()
         path.write_text(path.read_text() + "# \n")
         module = f"{path.parent.name}.{path.stem}"
         assert (cache.source_digest(source) != before) == (module in expected), module
+
+
+def imported(path: Path) -> set[Path]:
+    """Return the kernel modules that a file imports, as Python reads it."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            names.update([node.module], (f"{node.module}.{alias.name}" for alias in node.names))
+    kernels = ROOT / "pcm_gym" / "kernels"
+    files = (ROOT.joinpath(*name.split(".")).with_suffix(".py") for name in names)
+    return {file for file in files if file.exists() and file.is_relative_to(kernels)}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "pcm_gym" / "kernels").rglob("*.py")), ids=lambda path: path.stem)
+def test_imports_are_found_without_parsing_as_python_finds_them(path: Path) -> None:
+    assert cache._read(path).imported == imported(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import pcm_gym.kernels.rods.rod",
+        "import pcm_gym.kernels.rods.rod as other",
+        "def inside():\n    from pcm_gym.kernels.rods.rod import rod\n",
+        "from pcm_gym.kernels.rods import rod",
+        "from pcm_gym.kernels.rods import rod as other  # why",
+        "from pcm_gym.kernels.rods import (\n    curvature,  # one\n    rod,\n)",
+        "from pcm_gym.kernels.rods import curvature, \\\n    rod",
+    ],
+)
+def test_no_form_of_an_import_is_overlooked(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text(text + "\n")
+    wanted = ROOT / "pcm_gym" / "kernels" / "rods" / "rod.py"
+    assert wanted in imported(path)
+    assert wanted in cache._read(path).imported
 
 
 def test_digest_depends_on_the_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
