@@ -11,7 +11,7 @@ root of the distance from a fold: `BranchStates.singularity_margin` stands besid
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,8 +94,16 @@ class BranchStates:
 
     def detach(self) -> "BranchStates":
         """Return the same states, at which gradients end: the beginning of the next horizon."""
-        tensors = {own.name: getattr(self, own.name) for own in fields(self)}
-        return replace(self, **{name: own.detach() for name, own in tensors.items() if isinstance(own, Tensor)})
+        tensors = (self.inputs, self.pose, self.rod_forces, self.actuator_forces, self.stability_margin)
+        inputs, pose, rod_forces, actuator_forces, margin = (own.detach() for own in tensors)
+        return replace(
+            self,
+            inputs=inputs,
+            pose=pose,
+            rod_forces=rod_forces,
+            actuator_forces=actuator_forces,
+            stability_margin=margin,
+        )
 
     def equilibrium(self, row: int) -> Equilibrium:
         """Return the equilibrium of one row.
@@ -166,15 +174,13 @@ def advance(states: BranchStates, increments: Tensor) -> BranchStates:
     changes = mechanism.units.kernel_from_inputs(change.detach().numpy())
     after = States(before.x.copy(), before.inputs.copy(), before.load)
     report = _empty_report(mechanism, after)
-    step_batch(
-        mechanism.leg_table, after, np.arange(len(after.x)), _moves(changes), StepRules(HOLD, 0.0), report
-    )
+    step_batch(mechanism.leg_table, after, np.arange(len(after.x)), _moves(changes), StepRules(HOLD, 0.0), report)
     lower, upper = mechanism.kernel_limits
     wished, events = before.inputs + changes, report.verdicts["event"]
     arrives = (events == NONE) | (events == ACTUATOR_LIMIT)
     flows = arrives[:, None] & (lower <= wished) & (wished <= upper)
     step = _Step(mechanism, after, flows, _tell(mechanism, after, report))
-    return _made(mechanism, after, report, _Advance.apply(states.inputs, change, step))
+    return _made(mechanism, after, report, _Advance.apply(states.inputs, change, step))  # type: ignore[no-untyped-call]
 
 
 class _Step(NamedTuple):
@@ -198,7 +204,7 @@ class _Advance(torch.autograd.Function):
         return torch.from_numpy(after), *map(torch.from_numpy, step.told)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, by_inputs: Tensor | None, *by_told: Tensor | None) -> tuple[Tensor, Tensor, None]:
         """Carry gradients of the states back to inputs and increments, which share them."""
         mechanism, states, flows, told = ctx.step
@@ -211,9 +217,7 @@ class _Advance(torch.autograd.Function):
                 )
             )
             has_margin = by_told[-1] is not None
-            pull_back(
-                mechanism.leg_table, states.x, states.inputs, _effects(mechanism), weights, has_margin, total
-            )
+            pull_back(mechanism.leg_table, states.x, states.inputs, _effects(mechanism), weights, has_margin, total)
             total /= units.inputs
         if by_inputs is not None:
             total += by_inputs.numpy()
@@ -223,7 +227,7 @@ class _Advance(torch.autograd.Function):
 
 def _checked(increments: Tensor, shape: tuple[int, ...]) -> Tensor:
     """Return increments; raise if they are none for states of that shape."""
-    if not isinstance(increments, Tensor) or not increments.is_floating_point():
+    if not instance_of("increments", increments, Tensor).is_floating_point():
         raise TypeError(f"increments must be a tensor of floating-point numbers, got {shown(increments)}")
     if tuple(increments.shape) != shape:
         raise ValueError(f"increments must have shape {shape}, got {tuple(increments.shape)}")
@@ -268,5 +272,16 @@ def _tell(mechanism: Mechanism, states: States, report: Report) -> _Told:
 
 def _made(mechanism: Mechanism, states: States, report: Report, tensors: Sequence[Tensor]) -> BranchStates:
     events, margins = report.verdicts["event"].copy(), report.verdicts["singularity_margin"].copy()
-    beside = torch.from_numpy(margins), torch.from_numpy(events), torch.from_numpy(events == NONE)
-    return BranchStates(mechanism, *tensors, *beside, _states=states)
+    inputs, pose, rod_forces, actuator_forces, stability_margin = tensors
+    return BranchStates(
+        mechanism,
+        inputs,
+        pose,
+        rod_forces,
+        actuator_forces,
+        stability_margin,
+        torch.from_numpy(margins),
+        torch.from_numpy(events),
+        torch.from_numpy(events == NONE),
+        states,
+    )

@@ -123,24 +123,27 @@ def set_rates(legs: Array, x: Array, effects: Array, with_margin: bool, work: Wo
 
     Return False where the state is singular. The rates of the margin are filled where they are asked for.
     """
-    pose, driven, rates, regular = 2 * legs.shape[0], scratch.driven, scratch.rates, True
-    turn = _turn_of(x, legs.shape[0])
+    pose, driven, right, regular = 2 * legs.shape[0], scratch.driven, scratch.right, True
+    by_pose, forces, efforts = scratch.rates.pose, scratch.rates.forces, scratch.rates.efforts
+    turn, rods, moved = _turn_of(x, legs.shape[0]), work.rods, work.step
     for k in range(effects.shape[0]):
-        _set_residual_rate(legs, x, turn, effects[k], work, scratch.right)
-        regular = solve_equilibrium_system(legs, x, scratch.right, work) and regular
-        driven[k] = work.step
-        rates.pose[k] = work.step[pose:]
+        _set_residual_rate(legs, x, turn, effects[k], work, right)
+        regular = solve_equilibrium_system(legs, x, right, work) and regular
+        for j in range(x.shape[0]):
+            driven[k, j] = moved[j]
+        for d in range(x.shape[0] - pose):
+            by_pose[k, d] = moved[pose + d]
         for i in range(legs.shape[0]):
-            row, effect, step = work.rods[i], effects[k, i], pair(work.step, 2 * i)
+            row, effect, step = rods[i], effects[k, i], pair(moved, 2 * i)
             tip, force = pair(row, TIP_X), pair(row, FORCE_X)
             tip_rate, pull = _direct_rates(effect, tip, force)
             own_tip, own_pull = applied(derivatives(row, TIP_G), step), applied(derivatives(row, FORCE_G), step)
             tip_rate = tip_rate[0] + own_tip[0], tip_rate[1] + own_tip[1]
             pull = pull[0] + own_pull[0], pull[1] + own_pull[1]
-            rates.forces[k, i, 0], rates.forces[k, i, 1] = pull
+            forces[k, i, 0], forces[k, i, 1] = pull
             along = legs[i, AXIS_X] * pull[0] + legs[i, AXIS_Y] * pull[1]
             along += effect[TILT_X] * force[0] + effect[TILT_Y] * force[1]
-            rates.efforts[k, i] = -along - legs[i, TURN] * (moment(tip_rate, force) + moment(tip, pull))
+            efforts[k, i] = -along - legs[i, TURN] * (moment(tip_rate, force) + moment(tip, pull))
     if with_margin:
         regular = _set_margin_rates(legs, x, effects, work, scratch) and regular
     return regular
@@ -181,16 +184,14 @@ def _set_margin_rates(legs: Array, x: Array, effects: Array, work: Workspace, sc
 
 
 @kernel
-def set_rates_at(
-    legs: Array, x: Array, inputs: Array, effects: Array, with_margin: bool, rates: Quantities
-) -> bool:
+def set_rates_at(legs: Array, x: Array, inputs: Array, effects: Array, out: Quantities) -> bool:
     """Fill the rates of one equilibrium with parameters of these effects; return False where it is singular."""
     work = make_workspace(legs.shape[0], x.shape[0])
     place(legs, x, inputs, work)
     scratch = make_scratch(effects.shape[0], legs.shape[0], x.shape[0])
-    regular = set_rates(legs, x, effects, with_margin, work, scratch)
-    rates.pose[:], rates.forces[:], rates.efforts[:] = scratch.rates.pose, scratch.rates.forces, scratch.rates.efforts
-    rates.margin[:] = scratch.rates.margin if with_margin else math.nan
+    regular = set_rates(legs, x, effects, True, work, scratch)
+    rates = scratch.rates
+    out.pose[:], out.forces[:], out.efforts[:], out.margin[:] = rates.pose, rates.forces, rates.efforts, rates.margin
     return regular
 
 
@@ -204,18 +205,18 @@ def pull_back(
     """
     work = make_workspace(legs.shape[0], states.shape[1])
     scratch = make_scratch(effects.shape[0], legs.shape[0], states.shape[1])
-    rates = scratch.rates
+    pose, forces, efforts, margin = scratch.rates
+    by_pose, by_forces, by_efforts, by_margin = weights
     for n in range(states.shape[0]):
         place(legs, states[n], inputs[n], work)
         if not set_rates(legs, states[n], effects, with_margin, work, scratch):
             out[n] = math.nan
             continue
         for k in range(effects.shape[0]):
-            total = weights.margin[n] * rates.margin[k] if with_margin else 0.0
-            for d in range(rates.pose.shape[1]):
-                total += weights.pose[n, d] * rates.pose[k, d]
+            total = by_margin[n] * margin[k] if with_margin else 0.0
+            for d in range(pose.shape[1]):
+                total += by_pose[n, d] * pose[k, d]
             for i in range(legs.shape[0]):
-                total += weights.forces[n, i, 0] * rates.forces[k, i, 0]
-                total += weights.forces[n, i, 1] * rates.forces[k, i, 1]
-                total += weights.efforts[n, i] * rates.efforts[k, i]
+                total += by_forces[n, i, 0] * forces[k, i, 0] + by_forces[n, i, 1] * forces[k, i, 1]
+                total += by_efforts[n, i] * efforts[k, i]
             out[n, k] = total
