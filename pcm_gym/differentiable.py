@@ -18,13 +18,13 @@ import numpy as np
 
 from pcm_gym.arrays import Array, Mask
 from pcm_gym.kernels.branches.continuation import ACTUATOR_LIMIT, NONE
+from pcm_gym.kernels.lockstep.lanes_gradient import pull_back_in_lanes
 from pcm_gym.kernels.snaps.instability import HOLD
-from pcm_gym.kernels.statics.sensitivity import CLAMP_TURN, CLAMP_X, CLAMP_Y, EFFECTS, Quantities, pull_back
+from pcm_gym.kernels.statics.sensitivity import CLAMP_TURN, CLAMP_X, CLAMP_Y, EFFECTS, Quantities
 from pcm_gym.kernels.statics.states import States
-from pcm_gym.kernels.stepping.features import feature_columns
+from pcm_gym.kernels.stepping.features import feature_columns, set_loads_seen
 from pcm_gym.kernels.stepping.report import Moves, Report, StepRules, empty_report
 from pcm_gym.kernels.stepping.transition import describe_batch, step_batch
-from pcm_gym.kernels.structure.strength import set_loads
 from pcm_gym.mechanism import Mechanism
 from pcm_gym.mechanism.validation import instance_of, sequence_of, shown, whole_number
 from pcm_gym.solving import Equilibrium
@@ -171,7 +171,7 @@ def advance(states: BranchStates, increments: Tensor) -> BranchStates:
     instance_of("states", states, BranchStates)
     mechanism, before = states.mechanism, states._states
     change = _checked(increments, before.inputs.shape).to("cpu", torch.float64)
-    changes = mechanism.units.kernel_from_inputs(change.detach().numpy())
+    changes = np.ascontiguousarray(mechanism.units.kernel_from_inputs(change.detach().numpy()))
     after = States(before.x.copy(), before.inputs.copy(), before.load)
     report = _empty_report(mechanism, after)
     step_batch(mechanism.leg_table, after, np.arange(len(after.x)), _moves(changes), StepRules(HOLD, 0.0), report)
@@ -212,12 +212,12 @@ class _Advance(torch.autograd.Function):
         if any(own is not None for own in by_told):
             weights = Quantities(
                 *(
-                    np.zeros(array.shape) if own is None else np.multiply(own.numpy(), unit)
+                    np.zeros(array.shape) if own is None else np.ascontiguousarray(own.numpy() * unit)
                     for own, array, unit in zip(by_told, told, _units_of(mechanism), strict=True)
                 )
             )
             has_margin = by_told[-1] is not None
-            pull_back(mechanism.leg_table, states.x, states.inputs, _effects(mechanism), weights, has_margin, total)
+            pull_back_in_lanes(mechanism.leg_table, states, _effects(mechanism), weights, has_margin, total)
             total /= units.inputs
         if by_inputs is not None:
             total += by_inputs.numpy()
@@ -264,7 +264,7 @@ def _empty_report(mechanism: Mechanism, states: States) -> Report:
 
 def _tell(mechanism: Mechanism, states: States, report: Report) -> _Told:
     forces, efforts = np.empty((*states.inputs.shape, 2)), np.empty(states.inputs.shape)
-    set_loads(mechanism.leg_table, states.x, states.inputs, forces, efforts)
+    set_loads_seen(mechanism.leg_table, states.x, states.inputs, report.features, forces, efforts)
     pose, margin = states.x[:, 2 * mechanism.leg_count :], report.verdicts["stability_margin"]
     quantities = (pose, forces, efforts, margin)
     return _Told(*(own * unit for own, unit in zip(quantities, _units_of(mechanism), strict=True)))

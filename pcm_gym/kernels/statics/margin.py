@@ -163,7 +163,7 @@ def set_slopes(
 ) -> None:
     """Fill the derivatives of the energy's second derivative along a motion, which is held.
 
-    `by_driven` (m,) are those by the motions `driven` (m, size) of the state, `by_clamp` (legs,) by turns of the clamps.
+    `by_driven` (m,) are those by the motions `driven` (m, size) of the state, `by_clamp` (legs,) by a clamp's turn.
     """
     pose = 2 * legs.shape[0]
     is_platform = x.shape[0] - pose == 3

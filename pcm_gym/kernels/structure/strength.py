@@ -69,15 +69,3 @@ def set_strengths(legs: Array, states: Array, inputs: Array, curvatures: Array, 
     for n in range(states.shape[0]):
         place(legs, states[n], inputs[n], work)
         set_strength(legs, states[n], work, curvatures[n], forces[n])
-
-
-@kernel
-def set_loads(legs: Array, states: Array, inputs: Array, tip_forces: Array, efforts: Array) -> None:
-    """Fill the forces on the rods' tips (n, legs, 2), world frame, and what the actuators give (n, legs)."""
-    work = make_workspace(legs.shape[0], states.shape[1])
-    for n in range(states.shape[0]):
-        place(legs, states[n], inputs[n], work)
-        for i in range(legs.shape[0]):
-            tip, force = pair(work.rods[i], TIP_X), pair(work.rods[i], FORCE_X)
-            tip_forces[n, i, 0], tip_forces[n, i, 1] = force
-            efforts[n, i] = actuator_force(actuator_of(legs, i), tip, force)
