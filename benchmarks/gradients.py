@@ -59,7 +59,13 @@ def some_states(name: str, count: int, seed: int) -> list[Equilibrium]:
     generator = np.random.default_rng(seed)
 
     def outside(own: Equilibrium) -> bool:
-        return own.singularity_margin > NEAREST
+        lower, upper, room = (
+            own.mechanism.lower_limits,
+            own.mechanism.upper_limits,
+            NEAREST * own.mechanism.units.inputs,
+        )
+        is_free = ((lower + room < own.inputs) & (own.inputs < upper - room)).all()  # differences go to both sides
+        return bool(is_free) and own.singularity_margin > NEAREST
 
     anywhere = list(itertools.islice(filter(outside, states_anywhere(name, generator)), (count + 1) // 2))
     return anywhere + list(itertools.islice(filter(outside, states_beside_folds(anywhere, generator)), count // 2))
@@ -104,11 +110,9 @@ def errors_of(states: Sequence[Equilibrium], seed: int) -> Array:
 
 def _difference(own: Equilibrium, direction: Array, width: float, weights: dict[str, Array]) -> float:
     """Return the derivative of a weighted sum along a direction by the tracker; nan where it meets an event."""
-    total = 0.0
+    total, step_width = 0.0, width * direction * own.mechanism.units.inputs
     for place, weight in _STENCIL:
-        step = BranchTracker(own.mechanism, own).step(
-            own.inputs + place * width * direction * own.mechanism.units.inputs
-        )
+        step = BranchTracker(own.mechanism, own).step(own.inputs + place * step_width)
         if step.event is Event.FOLD or step.event is Event.SOLVER_FAILURE:
             return np.nan
         there = step.equilibrium

@@ -11,8 +11,10 @@ from docs.ideas import line
 from pcm_gym import BranchTracker, Event
 from pcm_gym.arrays import Array
 
-# Angles of motor 2 from which rays lead, degrees, how far they do, rad; distances from the fold at which a state is looked at, the same.
-_STARTS, _REACH, _NEAREST, _FARTHEST, _ON_A_RAY = (0.0, 60.0, 120.0, 180.0), 2.5, 1e-5, 1.0, 8
+# Angles of motor 2 from which rays lead, degrees, and how far, rad.
+_STARTS, _REACH = (0.0, 60.0, 120.0, 180.0), 2.5
+# States on a ray, and how far before the fold they are, rad.
+_ON_A_RAY, _NEAREST, _FARTHEST = 8, 1e-5, 1.0
 # Margins below which the law of folds is drawn.
 _NEAR = 0.05
 
