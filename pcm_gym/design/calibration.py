@@ -11,7 +11,15 @@ from pcm_gym.design.derivatives import design_derivatives
 from pcm_gym.design.following import DesignError, equilibria_along, follow_design
 from pcm_gym.design.parameters import DesignParameter, change_design, checked_parameters, least_value
 from pcm_gym.mechanism import Mechanism
-from pcm_gym.mechanism.validation import check_kinds, finite_array, finite_vector, instance_of, positive_number, shown
+from pcm_gym.mechanism.validation import (
+    check_kinds,
+    finite_array,
+    finite_vector,
+    instance_of,
+    positive_number,
+    shape_of,
+    shown,
+)
 from pcm_gym.solving import Equilibrium
 
 # Relative changes of parameters and of the sum of squares at which the search ends.
@@ -48,8 +56,9 @@ class Measurements:
     deviations: Array | None = None
 
     def __post_init__(self) -> None:
-        inputs = finite_array("inputs", self.inputs, ("n", "legs"))
-        poses = finite_array("poses", self.poses, (len(inputs), "d"))
+        size = 3 if shape_of(self.inputs)[-1:] == (3,) else 2  # as many degrees of freedom as legs
+        inputs = finite_array("inputs", self.inputs, ("n", size))
+        poses = finite_array("poses", self.poses, (len(inputs), size))
         if not len(inputs):
             raise ValueError("inputs must be of one measurement at least, got none")
         checked: dict[str, Array | None] = {"inputs": inputs, "poses": poses}
@@ -218,14 +227,11 @@ class _Problem:
 
 
 def _check_fits(mechanism: Mechanism, measurements: Measurements, count: int) -> None:
-    for name, array, size in (
-        ("inputs", measurements.inputs, mechanism.leg_count),
-        ("poses", measurements.poses, mechanism.dof),
-    ):
-        if array.shape[1] != size:
-            raise ValueError(
-                f"measurements must have {name} of {size} numbers for {mechanism.name!r}, got {shown(array)}"
-            )
+    if measurements.inputs.shape[1] != mechanism.leg_count:
+        raise ValueError(
+            f"measurements must have inputs of {mechanism.leg_count} numbers for {mechanism.name!r}, "
+            f"got {shown(measurements.inputs)}"
+        )
     spare = measurements.poses.size - count
     if spare < 0 or (spare == 0 and measurements.deviations is None):
         raise ValueError(

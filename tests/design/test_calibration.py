@@ -106,8 +106,9 @@ def test_inputs_that_are_not_reached_are_named() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"inputs": [[0.0, 0.0, 0.0]]}, "measurements must have inputs of 2 numbers"),
-        ({"poses": [[0.0, 0.0, 0.0]]}, "measurements must have poses of 2 numbers"),
+        ({"inputs": [[0.0] * 3], "poses": [[0.0] * 3]}, "measurements must have inputs of 2 numbers"),
+        ({"inputs": [[0.0] * 4]}, "inputs must have shape"),
+        ({"poses": [[0.0, 0.0, 0.0]]}, "poses must have shape"),
         ({"poses": [[0.0, 0.0], [0.0, 0.0]]}, "poses must have shape"),
         ({"deviations": [1.0, 0.0]}, "deviations must be greater than 0"),
         ({"load": [1.0]}, "load must have shape"),
