@@ -69,7 +69,9 @@ def ratios_of(name: str, generator: Generator) -> Array:
 def _measured(built: pcm_gym.Mechanism, nominal: pcm_gym.Mechanism, generator: Generator) -> pcm_gym.Measurements:
     """Return poses of a mechanism at inputs that it and the nominal one reach in a row without a fall."""
     units, both = nominal.units, [pcm_gym.home_equilibrium(own) for own in (built, nominal)]
-    home, inputs, poses = both[0].inputs, [], []
+    home = both[0].inputs
+    inputs: list[Array] = []
+    poses: list[Array] = []
     while len(inputs) < _MEASUREMENTS:
         away = generator.uniform(-1.0, 1.0, nominal.leg_count) * _REACH[nominal.name] * units.inputs
         steps = [BranchTracker(own.mechanism, own).step(home + away) for own in both]

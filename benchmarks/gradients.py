@@ -116,7 +116,8 @@ def _difference(own: Equilibrium, direction: Array, width: float, weights: dict[
         if step.event is Event.FOLD or step.event is Event.SOLVER_FAILURE:
             return np.nan
         there = step.equilibrium
-        told = there.pose, np.array([rod.force for rod in there.rods]), there.actuator_forces, there.stability_margin
+        forces, margin = np.array([rod.force for rod in there.rods]), np.array(there.stability_margin)
+        told = there.pose, forces, there.actuator_forces, margin
         total += weight * sum(float((weights[part] * value).sum()) for part, value in zip(PARTS, told, strict=True))
     return total / (12.0 * width)
 
@@ -138,7 +139,7 @@ def cost_of(name: str, parts: Sequence[str]) -> tuple[float, float]:
 
     def both() -> None:
         reached = differentiable.advance(states, increments)
-        torch.stack([getattr(reached, part).sum() for part in parts]).sum().backward()  # type: ignore[no-untyped-call]
+        torch.stack([getattr(reached, part).sum() for part in parts]).sum().backward()
 
     return _fastest(lambda: differentiable.advance(states, increments)), _fastest(both)
 

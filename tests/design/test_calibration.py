@@ -1,5 +1,7 @@
 """Calibration: what measurements were made with is found again, as surely as its standard errors say."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,9 @@ def measured(
 ) -> tuple[Array, Array]:
     """Inputs in a row without a fall, and poses with errors, in lengths and rad."""
     home, units = pcm_gym.home_equilibrium(mechanism), mechanism.units
-    tracker, inputs, poses = BranchTracker(mechanism, home), [], []
+    tracker = BranchTracker(mechanism, home)
+    inputs: list[Array] = []
+    poses: list[Array] = []
     while len(inputs) < count:
         target = home.inputs + generator.uniform(-0.15, 0.15, mechanism.leg_count) * units.inputs
         before = tracker.equilibrium
@@ -116,9 +120,9 @@ def test_inputs_that_are_not_reached_are_named() -> None:
         ({}, "measurements must be more numbers than the 2 parameters"),
     ],
 )
-def test_measurements_that_do_not_fit_are_refused(changes: dict[str, Array], message: str) -> None:
+def test_measurements_that_do_not_fit_are_refused(changes: dict[str, Any], message: str) -> None:
     mechanism = pcm_gym.get_mechanism("2RFR")
     parameters = [pcm_gym.DesignParameter("length", leg) for leg in range(2)]
-    given = {"inputs": [mechanism.home_inputs], "poses": np.zeros((1, 2))} | changes
+    given: dict[str, Any] = {"inputs": [mechanism.home_inputs], "poses": np.zeros((1, 2))} | changes
     with pytest.raises((TypeError, ValueError), match=message):
         pcm_gym.calibrate(mechanism, pcm_gym.Measurements(**given), parameters)

@@ -1,5 +1,7 @@
 """Better designs: what is said of them is so, and no neighbour within the bounds is better."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def worst(mechanism: pcm_gym.Mechanism, objective: str, inputs: Array) -> float:
 
 @pytest.mark.parametrize("objective", ["margin", "torque"])
 @pytest.mark.parametrize("name", ["2RFR", "3PFR"])
-def test_no_neighbour_of_the_optimum_is_better(name: str, objective: str) -> None:
+def test_no_neighbour_of_the_optimum_is_better(name: str, objective: Any) -> None:
     mechanism, bounds, inputs = asked(name)
     found = pcm_gym.optimise_design(mechanism, objective, PARAMETERS, bounds, inputs=inputs)
     sign = 1.0 if objective == "margin" else -1.0
@@ -79,9 +81,9 @@ def test_workspace_grows_and_is_the_area_that_the_roadmap_covers() -> None:
         ({"most_evaluations": 0}, "most_evaluations must be at least 1"),
     ],
 )
-def test_wrong_arguments_are_refused_in_words(changes: dict[str, object], message: str) -> None:
+def test_wrong_arguments_are_refused_in_words(changes: dict[str, Any], message: str) -> None:
     mechanism = pcm_gym.get_mechanism("2RFR")
     length = PARAMETERS[0].value(mechanism)
-    given = {"objective": "margin", "bounds": [[0.5 * length, 1.5 * length], [-1.0, 1.0]]} | changes
+    given: dict[str, Any] = {"objective": "margin", "bounds": [[0.5 * length, 1.5 * length], [-1.0, 1.0]]} | changes
     with pytest.raises((TypeError, ValueError), match=message):
         pcm_gym.optimise_design(mechanism, given.pop("objective"), PARAMETERS, given.pop("bounds"), **given)

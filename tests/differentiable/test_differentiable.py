@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from pcm_gym import differentiable  # noqa: E402 (which needs torch)
 
 NAMES = ("2RFR", "2PFR", "3PFR")
 TOLD = ("pose", "rod_forces", "actuator_forces", "stability_margin")
+_WRONG: Any = [0.0, 0.0]
 LOADS = {"2RFR": (0.25, -0.5), "2PFR": (0.5, -0.25), "3PFR": (0.125, -0.25, 0.05)}
 # Places and weights of a first difference of fourth order, times 12 widths.
 STENCIL = ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0))
@@ -25,7 +27,8 @@ STENCIL = ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0))
 def some_states(name: str, count: int, seed: int = 0) -> list[Equilibrium]:
     """Stable states around home, under a load, outside 1e-3 of a fold."""
     mechanism, generator = pcm_gym.get_mechanism(name), np.random.default_rng(seed)
-    home, found = pcm_gym.home_equilibrium(mechanism), []
+    home = pcm_gym.home_equilibrium(mechanism)
+    found: list[Equilibrium] = []
     load = np.array(LOADS[name]) * mechanism.units.load
     while len(found) < count:
         away = generator.uniform(-0.2, 0.2, mechanism.leg_count) * mechanism.units.inputs
@@ -102,7 +105,7 @@ def test_what_is_told_is_what_the_equilibrium_tells(name: str) -> None:
 def jacobian(states: differentiable.BranchStates, part: str) -> Array:
     """Derivatives of a part of one row by its inputs, last axis, by one step that goes nowhere."""
 
-    def told(increments: torch.Tensor) -> torch.Tensor:
+    def told(increments):
         return getattr(differentiable.advance(states, increments), part)[0]
 
     return torch.autograd.functional.jacobian(told, torch.zeros_like(states.inputs))[..., 0, :].numpy()
@@ -206,12 +209,12 @@ def test_second_derivatives_are_refused() -> None:
     ("call", "message"),
     [
         (lambda own: differentiable.start([]), "equilibria must be one at least"),
-        (lambda own: differentiable.start([1.0]), "equilibria must be a sequence of Equilibrium"),
-        (lambda own: differentiable.advance(own, [[0.0, 0.0]]), "increments must be a Tensor"),
+        (lambda own: differentiable.start(_WRONG[:1]), "equilibria must be a sequence of Equilibrium"),
+        (lambda own: differentiable.advance(own, _WRONG), "increments must be a Tensor"),
         (lambda own: differentiable.advance(own, torch.zeros((1, 2), dtype=torch.int64)), "floating-point"),
         (lambda own: differentiable.advance(own, torch.zeros((2, 2))), r"increments must have shape \(1, 2\)"),
         (lambda own: differentiable.advance(own, torch.full((1, 2), torch.nan)), "increments must be finite"),
-        (lambda own: differentiable.advance(None, torch.zeros((1, 2))), "states must be a BranchStates"),
+        (lambda own: differentiable.advance(_WRONG, torch.zeros((1, 2))), "states must be a BranchStates"),
         (lambda own: own.equilibrium(1), "row must be at most 0"),
     ],
 )

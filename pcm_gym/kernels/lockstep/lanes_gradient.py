@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from pcm_gym.arrays import Array
+from pcm_gym.arrays import Array, Integers
 from pcm_gym.kernels.lockstep.lanes import evaluate_block
 from pcm_gym.kernels.lockstep.lanes_margin import differentiate, set_curvature
 from pcm_gym.kernels.lockstep.layout import (
@@ -75,7 +75,7 @@ def pull_back_in_lanes(
 
 @kernel
 def _pull_back_alone(
-    legs: Array, states: States, rows: Array, effects: Array, weights: Quantities, with_margin: bool, out: Array
+    legs: Array, states: States, rows: Integers, effects: Array, weights: Quantities, with_margin: bool, out: Array
 ) -> None:
     """Fill the rows that lanes are too near to poles for."""
     own = Quantities(weights.pose[rows], weights.forces[rows], weights.efforts[rows], weights.margin[rows])
