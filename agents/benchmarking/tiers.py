@@ -19,12 +19,15 @@ class Tier:
     id : str
     name : str
         The difficulty; empty for a task without tiers.
+    is_default : bool
+        Whether an environment is in it when nothing is said.
     arguments : dict
         What `gymnasium.make_vec` is given.
     """
 
     id: str
     name: str
+    is_default: bool
     arguments: Mapping[str, Any]
 
 
@@ -36,9 +39,10 @@ def tiers(ids: Sequence[str], split: str) -> list[Tier]:
 
 def _tiers_of(entry: Registered, split: str) -> Iterator[Tier]:
     kind, mechanism = task_type(entry.task), pcm_gym.get_mechanism(entry.mechanism)
+    default = getattr(kind, "difficulty", "")
     for name in get_args(get_type_hints(kind).get("difficulty")) or ("",):
         own = {"difficulty": name} if name else {}
         allowed = kind(Goals(mechanism, with_inputs=kind.with_inputs), **own).behaviours
         if DEFAULTS["on_instability"] not in allowed:
             own["on_instability"] = allowed[0]
-        yield Tier(entry.id, name, {"split": split, **own})
+        yield Tier(entry.id, name, name == default, {"split": split, **own})

@@ -19,9 +19,9 @@ Watch = Callable[[int, int, Mapping[str, Any]], None]
 _CONTROLLER_STREAM = 1
 
 
-def make_evaluation_batch(environment: EnvironmentConfig, count: int) -> MechanismVectorEnv:
-    """Batch for `run_episodes`, of the test's episodes, whose rows begin none by themselves."""
-    held_out = environment.model_copy(update={"kwargs": environment.kwargs | {"split": "test"}})
+def make_evaluation_batch(environment: EnvironmentConfig, count: int, split: str = "test") -> MechanismVectorEnv:
+    """Batch for `run_episodes`, of the test's episodes or of the training's, whose rows begin none by themselves."""
+    held_out = environment.model_copy(update={"kwargs": environment.kwargs | {"split": split}})
     return make_batch(held_out, count, AutoresetMode.DISABLED)
 
 

@@ -92,6 +92,8 @@ class ImitationConfig(Section):
     rounds, steps
         How often steps are taken and learnt from, and how many each time. In the first round the reference acts: one
         round is behaviour cloning, several are DAgger.
+    longest_share
+        Steps of an episode that the policy takes at most, in the other rounds, before the reference takes over.
     epochs, batch_size, learning_rate
         How a round is learnt from.
     critic_rollouts
@@ -99,8 +101,9 @@ class ImitationConfig(Section):
     """
 
     reference: str = "planner"
-    rounds: Count = 8
-    steps: Count = 50_000
+    rounds: Count = 6
+    steps: Count = 100_000
+    longest_share: Count = 60
     epochs: Count = 4
     batch_size: Count = 1024
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3

@@ -11,6 +11,7 @@ from pcm_gym.commands import (
     charts,
     checkout,
     doctor,
+    enjoying,
     exploring,
     following,
     pictures,
@@ -39,6 +40,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "render": pictures.render,
         "explore": exploring.explore,
         "play": playing.play,
+        "enjoy": enjoying.enjoy,
     },
     "Upkeep": {"warmup": upkeep.warmup, "cache": upkeep.cache, "doctor": doctor.doctor},
 }

@@ -1,6 +1,6 @@
 """The command that draws: an equilibrium, a motion along a line of inputs, or an episode of an environment."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -151,11 +151,19 @@ def _save(frames: Iterator["Frame"], out: Path, kind: Format) -> None:
         raise RefusalError("an episode is written to a .gif or a .png")
     from PIL import Image
 
-    images = [Image.fromarray(frame) for frame in frames]
     if kind == Format.GIF:
-        images[0].save(out, save_all=True, append_images=images[1:], duration=_MILLISECONDS, loop=0)
+        save_animation(frames, out)
     else:
-        images[-1].save(out)
+        *_, last = frames
+        Image.fromarray(last).save(out)
+
+
+def save_animation(frames: Iterable["Frame"], out: Path) -> None:
+    """Write frames, one at least, as a .gif."""
+    from PIL import Image
+
+    first, *others = (Image.fromarray(frame) for frame in frames)
+    first.save(out, save_all=True, append_images=others, duration=_MILLISECONDS, loop=0)
 
 
 def _save_svg(equilibrium: "Equilibrium", out: Path, size: int, ghosts: bool) -> None:

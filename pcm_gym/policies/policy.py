@@ -36,6 +36,11 @@ class Policy:
         """What is known of it, as plain data; a copy."""
         return copy.deepcopy(self._card)
 
+    @property
+    def size(self) -> int:
+        """How many numbers its network has."""
+        return sum(own.weights.size + own.bias.size for own in self._network.layers)
+
     def __call__(self, observation: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
         """Return the action (legs,), in [-1, 1], or those of several observations, (n, legs).
 

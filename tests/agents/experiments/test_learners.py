@@ -133,14 +133,44 @@ def test_what_is_imitated_is_cloned_and_the_critic_alone_learns_after_it() -> No
         assert bool((with_critic.policy.state_dict()[name] == parameter).all()) != is_of_the_critic, name
 
 
-def said_of(reference: str, learner: Any) -> tuple[Any, Any]:
-    """Return observations as the learner gets them, of its environments anew, and what the reference does there."""
+def test_in_later_rounds_the_policy_leads_and_the_reference_takes_over_as_where_an_episode_begins() -> None:
+    imitation = {"reference": "resolved rate", "rounds": 3, "steps": 2_000, "longest_share": 20, "critic_rollouts": 0}
+    config = small("ppo_imitation", num_envs=16, imitation=imitation)
+    learner: Any = new_learner(config)
+    learner.set_logger(Logger(None, []))
+    callback: Any = learning_callbacks(config)[0]
+    views: list[View] = []
+    plain = callback._reference.act
+
+    def act(view: View) -> Any:
+        views.append(view)
+        return plain(view)
+
+    callback._reference.act = act
+    learner.learn(1, callback=callback)
+    rounds = [views[first : first + 125] for first in (0, 125, 250)]
+    assert len(views) == 375
+    assert all(view.under_way.all() for view in rounds[0]), "in the first round the reference acts alone"
+    for view in (*rounds[1], *rounds[2]):
+        np.testing.assert_array_equal(view.under_way, view.elapsed >= 0)
+    led = np.array([view.under_way.mean() for view in rounds[2]])
+    assert 0.5 < led.mean() < 1.0
+    begins = np.concatenate([-view.elapsed[view.simulation.rows.elapsed == 0] for view in rounds[2]])
+    assert begins.max(initial=0) <= 20
+
+
+def said_of(reference: str, learner: Any, steps: int = 40) -> tuple[Any, Any]:
+    """Return observations as the learner gets them, along a reference's ways, and what the reference does there."""
     env: Any = learner.get_env()
     env.training = False
     env.seed(77)
-    observations = env.reset()
-    generators = [np.random.default_rng(row) for row in range(learner.n_envs)]
-    return observations, new_reference(reference).act(View.of(env.unwrapped.batch, env.get_original_obs(), generators))
+    observations, seen, said = env.reset(), [], []
+    acting, generators = new_reference(reference), [np.random.default_rng(row) for row in range(learner.n_envs)]
+    for _ in range(steps):
+        said.append(acting.act(View.of(env.unwrapped.batch, env.get_original_obs(), generators)))
+        seen.append(observations)
+        observations = env.step(said[-1])[0]
+    return {key: np.concatenate([own[key] for own in seen]) for key in seen[0]}, np.concatenate(said)
 
 
 def test_a_reference_that_there_is_not_is_named() -> None:
