@@ -32,7 +32,7 @@ from pcm_gym.kernels.lockstep.rows import load_lane
 from pcm_gym.kernels.lockstep.verdicts import judge_block
 from pcm_gym.kernels.numerics.compilation import formula, kernel
 from pcm_gym.kernels.numerics.linear import solve_symmetric
-from pcm_gym.kernels.statics.closure import CONDENSATION_LIMIT, LENGTH, STIFFNESS, actuator_of
+from pcm_gym.kernels.statics.closure import LENGTH, STIFFNESS, actuator_of
 from pcm_gym.kernels.statics.formulas import (
     Actuator,
     Pair,
@@ -45,6 +45,9 @@ from pcm_gym.kernels.statics.formulas import (
 )
 from pcm_gym.kernels.statics.sensitivity import Quantities, pull_back
 from pcm_gym.kernels.statics.states import States
+
+# Nearer than this to a pole of a rod's stiffness a lane is left to the scalar code: no iteration corrects errors here.
+_POLE_LIMIT = 1e-4
 
 
 @kernel
@@ -130,9 +133,9 @@ def _pull_back_block(legs: Array, block: Block, count: int, dof: int, with_margi
 
 @kernel
 def _refuse_near_poles(leg: LegLanes, common: CommonLanes, count: int) -> None:
-    """Leave lanes to the scalar code where it does not condense the rods; nothing corrects an error here."""
+    """Leave lanes to the scalar code, which does not condense the rods, where that would cost too many digits."""
     for lane in range(count):
-        keep_if(common, lane, pole_distance_from(derivatives(leg.tip_g, lane)) > CONDENSATION_LIMIT)
+        keep_if(common, lane, pole_distance_from(derivatives(leg.tip_g, lane)) > _POLE_LIMIT)
 
 
 @kernel
