@@ -101,7 +101,7 @@ class ImitationConfig(Section):
     """
 
     reference: str = "planner"
-    rounds: Count = 6
+    rounds: Count = 10
     steps: Count = 100_000
     longest_share: Count = 60
     epochs: Count = 4

@@ -6,8 +6,10 @@ from typing import Annotated, Any
 
 import typer
 
+from pcm_gym.commands.arguments import AsJson
 from pcm_gym.commands.catalogue import known_environment
 from pcm_gym.commands.errors import RefusalError
+from pcm_gym.commands.output import print_json
 from pcm_gym.commands.pictures import save_animation
 
 _POLICY_FILE = ".npz"
@@ -25,6 +27,7 @@ def enjoy(
     episodes: Annotated[int, typer.Option(help="How many episodes.", min=1)] = 3,
     seed: Annotated[int, typer.Option(help="Seed of the first one.", min=0)] = 0,
     out: Annotated[Path | None, typer.Option("--out", help="A .gif to write, in place of a window.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Watch a policy or a reference act on episodes of the test, in a window or as a .gif."""
     import gymnasium
@@ -35,7 +38,7 @@ def enjoy(
     mode = "human" if out is None else "rgb_array"
     env: Any = gymnasium.make(known_environment(name), render_mode=mode, split="test", **tier)
     act = _actor(who, name, difficulty, env)
-    frames = []
+    frames, outcomes = [], []
     for episode in range(episodes):
         observation, _ = env.reset(seed=seed + episode)
         has_ended, steps, info = False, 0, {}
@@ -44,11 +47,16 @@ def enjoy(
                 frames.append(env.render())
             observation, _, terminated, truncated, info = env.step(act(observation))
             has_ended, steps = terminated or truncated, steps + 1
-        outcome = "at the goal" if info["is_success"] else "not at the goal"
-        typer.echo(f"episode {episode + 1}, seed {seed + episode}: {outcome} after {steps} steps")
+        outcomes.append({"seed": seed + episode, "is_success": bool(info["is_success"]), "steps": steps})
+        if not as_json:
+            outcome = "at the goal" if info["is_success"] else "not at the goal"
+            typer.echo(f"episode {episode + 1}, seed {seed + episode}: {outcome} after {steps} steps")
     env.close()
     if out is not None:
         save_animation(frames, out)
+    if as_json:
+        print_json({"episodes": outcomes, "written": None if out is None else str(out)})
+    elif out is not None:
         typer.echo(f"written to {out}")
 
 

@@ -28,7 +28,7 @@ def test_an_episode_that_is_watched_is_one_of_the_test(shell: Shell, tmp_path: P
         assert f"episode {number + 1}, seed {seed}: {outcome} after {steps} steps" in ended.output
         total += steps
     with Image.open(out) as image:
-        assert 1 < image.n_frames <= total  # frames in which nothing moves are one
+        assert 1 < getattr(image, "n_frames", 1) <= total  # frames in which nothing moves are one
 
 
 def test_an_episode_is_watched_in_a_window(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
