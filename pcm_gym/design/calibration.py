@@ -181,7 +181,9 @@ class _Problem:
         equilibria: Sequence[Equilibrium],
     ) -> None:
         self._nominal, self._measurements, self._parameters = mechanism, measurements, parameters
-        self._equilibria = tuple(equilibria)  # of the design that was looked at last
+        # of the design that was looked at last: at first the nominal one, as a variant of itself
+        own = change_design(mechanism, parameters, [each.value(mechanism) for each in parameters])
+        self._equilibria = tuple(Equilibrium.unchecked(own, each.state, each.inputs, each.load) for each in equilibria)
         given = measurements.deviations
         self._weights = 1.0 / (mechanism.units.pose if given is None else given)
 
