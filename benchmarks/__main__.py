@@ -18,10 +18,12 @@ from agents.benchmarking.tiers import tiers
 from benchmarks import report
 from benchmarks.against import HERE, Checkout, paired_ratios, print_ratios
 from benchmarks.batch import make_batches, memory_per_environment, step_parts
+from benchmarks.calibration import calibration
 from benchmarks.certificates import print_tallies, try_paths
 from benchmarks.endurance import endure, read_cases, write_cases
 from benchmarks.explorer import browsed, explored, interact, take_pictures
 from benchmarks.geometries import FAMILIES, search
+from benchmarks.gradients import gradients
 from benchmarks.kinematics import solve_and_search, table_cost
 from benchmarks.machine import describe_machine
 from benchmarks.margins import judge_margins
@@ -443,6 +445,10 @@ def geometries(
         for name in families or FAMILIES:
             task = progress.add_task(name, total=count)
             search(name, count, path, partial(progress.advance, task))
+
+
+app.command()(gradients)
+app.command()(calibration)
 
 
 def _start() -> tuple[Console, dict[str, str]]:

@@ -88,8 +88,8 @@ class Judged:
 def judge_margins(name: str, count: int, seed: int, advance: Callable[[], object] = lambda: None) -> Judged:
     """Return `count` stable states of a catalogued mechanism within its limits, judged; tell of each."""
     generator = np.random.default_rng(seed)
-    anywhere = list(itertools.islice(_anywhere(name, generator), (count + 1) // 2))
-    states = anywhere + list(itertools.islice(_beside_folds(anywhere, generator), count // 2))
+    anywhere = list(itertools.islice(states_anywhere(name, generator), (count + 1) // 2))
+    states = anywhere + list(itertools.islice(states_beside_folds(anywhere, generator), count // 2))
     margins, distances = np.empty(len(states)), np.empty(len(states))
     for n, state in enumerate(states):
         fold = nearest_fold(state, REACH)
@@ -100,7 +100,7 @@ def judge_margins(name: str, count: int, seed: int, advance: Callable[[], object
     return Judged(name, threshold, margins, distances)
 
 
-def _anywhere(name: str, generator: Generator) -> Iterator[Equilibrium]:
+def states_anywhere(name: str, generator: Generator) -> Iterator[Equilibrium]:
     """Yield stable states: of two legs all that there are at random inputs, of a platform those that walks come to."""
     mechanism = pcm_gym.get_mechanism(name)
     if mechanism.dof == 3:
@@ -132,7 +132,7 @@ def _on_walks(name: str, generator: Generator) -> Iterator[Equilibrium]:
                 yield state
 
 
-def _beside_folds(states: list[Equilibrium], generator: Generator) -> Iterator[Equilibrium]:
+def states_beside_folds(states: list[Equilibrium], generator: Generator) -> Iterator[Equilibrium]:
     """Yield states some way before folds, on rays from random ones of these."""
     while True:
         start = states[generator.integers(len(states))]

@@ -37,6 +37,7 @@ nb_execution_timeout = 600  # s for a cell: the first one may have to compile th
 nb_execution_show_tb = True
 nb_merge_streams = True
 
+autodoc_mock_imports = ["torch"]  # which building the site does not take
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_typehints = "none"  # numpydoc says them

@@ -8,10 +8,15 @@ import typer
 from matplotlib.figure import Figure
 
 from docs.figures import style
-from docs.ideas import branches, fall, folds
+from docs.ideas import branches, fall, folds, gradients
 
 IMAGES = Path(__file__).parents[1] / "images" / "ideas"
-PICTURES: Mapping[str, Callable[[], Figure]] = {"branches": branches.draw, "folds": folds.draw, "fall": fall.draw}
+PICTURES: Mapping[str, Callable[[], Figure]] = {
+    "branches": branches.draw,
+    "folds": folds.draw,
+    "fall": fall.draw,
+    "gradients": gradients.draw,
+}
 
 
 def main(out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = IMAGES) -> None:

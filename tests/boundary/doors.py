@@ -31,7 +31,7 @@ ALIASES = {
     "cells": ("states must have shape",),
     "branches": ("inputs must have shape",),
     "states": ("inputs must have shape",),
-    "inputs": ("states must have shape",),
+    "inputs": ("states must have shape", "poses must have shape"),
     "generator_seeds": ("state must be of 2 environments",),
 }
 
@@ -147,6 +147,7 @@ def doors() -> Iterator[Door]:
     yield from _of_mechanisms()
     for name in ("2RFR", "3PFR"):
         yield from _of_solving(name)
+        yield from _of_designs(name)
         yield from _of_tasks(name)
         yield from _of_environments(name)
     yield from _of_charts()
@@ -231,6 +232,31 @@ def _of_solving(name: str) -> Iterator[Door]:
     yield Door("StructuralLimits.are_kept", structure.are_kept, told, ("states", "inputs"))
     yield Door("StructuralLimits.broken_by", structure.broken_by, {"equilibrium": here})
     yield Door("snap", pcm_gym.snap, {"equilibrium": fold()})
+
+
+def _of_designs(name: str) -> Iterator[Door]:
+    own, here, count = mechanism(name), home(name), 4
+    parameters = [pcm_gym.DesignParameter("length", 0), pcm_gym.DesignParameter("clamp_angle", 1)]
+    values = np.array([each.value(own) for each in parameters])
+    yield Door("DesignParameter", pcm_gym.DesignParameter, {"name": "length", "leg": 1})
+    yield Door("DesignParameter.value", parameters[0].value, {"mechanism": own})
+    changed = {"mechanism": own, "parameters": parameters, "values": values}
+    yield Door("change_design", pcm_gym.change_design, changed, ("values",))
+    derived = {"equilibrium": here, "parameters": parameters}
+    yield Door("design_derivatives", lambda **given: pcm_gym.design_derivatives(**given).pose, derived)
+    other = pcm_gym.change_design(own, parameters, 1.01 * values)
+    yield Door("follow_design", pcm_gym.follow_design, {"equilibrium": here, "mechanism": other})
+    inputs = here.inputs + 0.01 * np.arange(count)[:, None] * own.units.inputs
+    poses = np.array([pcm_gym.BranchTracker(own, here).step(each).equilibrium.pose for each in inputs])
+    measured = {"inputs": inputs, "poses": poses, "load": np.zeros(own.dof), "deviations": np.ones(own.dof)}
+    yield Door("Measurements", lambda **given: pcm_gym.Measurements(**given).inputs, measured, tuple(measured))
+    asked = {"mechanism": own, "measurements": pcm_gym.Measurements(inputs, poses), "parameters": parameters}
+    yield Door("calibrate", lambda **given: pcm_gym.calibrate(**given).values, {**asked, "start": here})
+    wanted: dict[str, Any] = {"mechanism": own, "objective": "margin", "parameters": parameters}
+    wanted |= {"bounds": np.stack([0.9 * values - 0.1, 1.1 * values + 0.1], axis=1), "inputs": inputs[:2]}
+    wanted |= {"load": np.zeros(own.dof), "start": here, "least_margin": 0.0625, "most_evaluations": 2}
+    arrays = ("bounds", "inputs", "load")
+    yield Door("optimise_design", lambda **given: pcm_gym.optimise_design(**given).values, wanted, arrays)
 
 
 def _of_charts() -> Iterator[Door]:

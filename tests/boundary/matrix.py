@@ -64,7 +64,13 @@ def sample(count: int, seed: int = 0) -> list[Case]:
 
 
 # What readers say of a path tells what is wrong with the file, and planners why there is no motion: not what was given.
-_OF_CONTENT = (pcm_gym.AtlasError, pcm_gym.MechanismFileError, pcm_gym.PlanningError, pcm_gym.PolicyError)
+_OF_CONTENT = (
+    pcm_gym.AtlasError,
+    pcm_gym.DesignError,
+    pcm_gym.MechanismFileError,
+    pcm_gym.PlanningError,
+    pcm_gym.PolicyError,
+)
 
 
 class Judge:

@@ -10,7 +10,8 @@ from agents.experiments.config import load_config
 from pcm_gym.commands.app import main
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ["start", "controllers", "extend", "workers", *(f"ideas/{path.stem}" for path in (DOCS / "ideas").glob("*.md"))]
+PAGES = ["start", "controllers", "designs", "differentiable", "extend", "workers"]
+PAGES += [*(f"ideas/{path.stem}" for path in (DOCS / "ideas").glob("*.md"))]
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -24,6 +25,8 @@ def test_lines_of_python_run_one_after_the_other(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    if page == "differentiable":
+        pytest.importorskip("torch")
     exec(compile("\n".join(blocks(page, "python")), page, "exec"), {"__name__": "page"})
     assert "Traceback" not in capsys.readouterr().err
 

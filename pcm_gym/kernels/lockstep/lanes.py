@@ -104,6 +104,16 @@ def _work_out(legs: Array, block: Block, count: int, dof: int, is_step: bool) ->
     return computed
 
 
+@kernel
+def evaluate_block(legs: Array, block: Block, count: int, dof: int) -> int:
+    """Evaluate the first `count` lanes where they are, as for `rest_block`, but judge nothing except whether it can."""
+    computed = _fill_up(block, count)
+    block.common[0].is_sound[:computed] = 1.0
+    _place_clamps(legs, block, computed, 1.0)
+    _evaluate(legs, block, computed, dof)
+    return computed
+
+
 @formula
 def growth_of_lane(common: CommonLanes, lane: int) -> float:
     """Return how many times longer the next step of a lane is to be, from what became of this one."""

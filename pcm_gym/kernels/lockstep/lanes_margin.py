@@ -52,12 +52,12 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
     common.greatest[:count] = 0.0
     common.is_clear[:count] = 1.0
     for i in range(legs.shape[0]):
-        _set_curvature(block.legs[i], count)
+        set_curvature(block.legs[i], count)
     for mode in range(dof):
         common.pull[:, :count] = 0.0
         for i in range(legs.shape[0]):
             length = legs[i, LENGTH]
-            _differentiate(block.legs[i], common, count, mode, length, force_unit(length, legs[i, STIFFNESS]))
+            differentiate(block.legs[i], common, count, mode, length, force_unit(length, legs[i, STIFFNESS]))
         _carry_along(common, count, mode)
         for i in range(legs.shape[0]):
             _add_slope(actuator_of(legs, i), block.legs[i], common, count, mode)
@@ -65,7 +65,7 @@ def set_margins(legs: Array, block: Block, count: int, dof: int) -> None:
 
 
 @kernel
-def _set_curvature(leg: LegLanes, count: int) -> None:
+def set_curvature(leg: LegLanes, count: int) -> None:
     """Fill the second derivatives of the rod, and so replace the elliptic functions that they come from."""
     for lane in range(count):
         g_x, g_y = pair(leg.g, lane)
@@ -87,7 +87,7 @@ def _bend(leg: LegLanes, lane: int, step: Pair, length: float, unit_force: float
 
 
 @kernel
-def _differentiate(leg: LegLanes, common: CommonLanes, count: int, mode: int, length: float, unit_force: float) -> None:
+def differentiate(leg: LegLanes, common: CommonLanes, count: int, mode: int, length: float, unit_force: float) -> None:
     """Fill the derivatives of v' K v that come from one leg, and add that by the pose."""
     for lane in range(count):
         axis, arm, own = vector(common.axes, mode, lane), pair(leg.arm, lane), triple(leg.stiffness, lane)

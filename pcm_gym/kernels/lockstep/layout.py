@@ -60,6 +60,11 @@ class LegLanes:
     by_tip: Array = _runs(2, over=("right",))  # derivatives of v' K v, see `margin.Cubic`
     by_clamp: Array = _runs(over=("step",))
 
+    # for gradients, of lanes that are not stepped
+    force_weight: Array = _runs(2, over=("tangent",))
+    effort_weight: Array = _runs(over=("bow",))
+    slope: Array = _runs(over=("half_periods",))  # derivative of the weighted sum by the input
+
 
 class CommonLanes:
     """What the lanes hold once: arrays (..., `LANES`)."""
@@ -94,6 +99,9 @@ class CommonLanes:
     squared_slope: Array = _runs()
     is_sound: Array = _runs()  # 1 or 0
     is_moving: Array = _runs()
+
+    # for gradients, of lanes that are not stepped
+    margin_weight: Array = _runs(over=("along",))
 
 
 def record_of(lanes: type) -> np.dtype[Any]:

@@ -104,25 +104,29 @@ def singularity_margin(legs: Array, x: Array, work: Workspace) -> float:
     leg_count, size = legs.shape[0], x.shape[0]
     dof = size - 2 * leg_count
     yielding, driven = np.empty((dof, size)), np.empty((leg_count, size))
-    if not _set_motions(legs, x, work, yielding, driven):
+    if not set_yielding(legs, x, work, yielding):
         return 0.0
+    _set_driven(legs, x, work, driven)
     compliance, axes = yielding[:, 2 * leg_count :].copy(), np.empty((dof, dof))
     diagonalize(compliance, axes)
     margin, motion = FARTHEST, np.empty(size)
+    by_driven, by_clamp = np.empty(leg_count), np.empty(leg_count)
     for k in range(dof):
-        motion[:] = 0.0
-        for d in range(dof):
-            motion += axes[d, k] * yielding[d]
+        set_motion_along(axes[:, k], yielding, motion)
+        set_slopes(legs, x, motion, driven, work, by_driven, by_clamp)
+        squared_slope = 0.0
+        for i in range(leg_count):
+            squared_slope += (by_driven[i] + legs[i, TURN] * by_clamp[i]) ** 2
         own = compliance[k, k]
-        margin = min(margin, fold_distance(1.0, own, abs(own) * _slope(legs, x, motion, driven, work)))
+        margin = min(margin, fold_distance(1.0, own, abs(own) * math.sqrt(squared_slope)))
     return margin
 
 
 @kernel
-def _set_motions(legs: Array, x: Array, work: Workspace, yielding: Array, driven: Array) -> bool:
-    """Fill the motions under a unit load along each axis (d, size), and with each input (legs, size).
+def set_yielding(legs: Array, x: Array, work: Workspace, yielding: Array) -> bool:
+    """Fill the motions under a unit load along each axis (d, size); return False where the state is singular.
 
-    Return False where the state is singular.
+    Their pose parts are the compliance.
     """
     right, pose = np.zeros(x.shape[0]), 2 * legs.shape[0]
     for k in range(yielding.shape[0]):
@@ -131,20 +135,40 @@ def _set_motions(legs: Array, x: Array, work: Workspace, yielding: Array, driven
         if not solve_equilibrium_system(legs, x, right, work):
             return False
         yielding[k] = work.step
+    return True
+
+
+@kernel
+def _set_driven(legs: Array, x: Array, work: Workspace, driven: Array) -> None:
+    """Fill the motions with each input (legs, size)."""
+    right = np.zeros(x.shape[0])
     for i in range(legs.shape[0]):
         right[:] = 0.0
         add_input_derivative(legs, x, work, i, 1.0, right)
         solve_equilibrium_system(legs, x, right, work)
         driven[i] = work.step
-    return True
 
 
 @kernel
-def _slope(legs: Array, x: Array, motion: Array, driven: Array, work: Workspace) -> float:
-    """Return the length of the gradient, by the inputs along the sheet, of the second derivative along a motion."""
-    pose, by_input = 2 * legs.shape[0], np.zeros(legs.shape[0])
+def set_motion_along(axis: Array, yielding: Array, motion: Array) -> None:
+    """Fill the motion (size,) under a unit load along an axis (d,)."""
+    motion[:] = 0.0
+    for d in range(axis.shape[0]):
+        motion += axis[d] * yielding[d]
+
+
+@kernel
+def set_slopes(
+    legs: Array, x: Array, motion: Array, driven: Array, work: Workspace, by_driven: Array, by_clamp: Array
+) -> None:
+    """Fill the derivatives of the energy's second derivative along a motion, which is held.
+
+    `by_driven` (m,) are those by the motions `driven` (m, size) of the state, `by_clamp` (legs,) by a clamp's turn.
+    """
+    pose = 2 * legs.shape[0]
     is_platform = x.shape[0] - pose == 3
     turn = motion[pose + 2] if is_platform else 0.0
+    by_driven[:] = 0.0
     for j in range(legs.shape[0]):
         rod_row, length = work.rods[j], legs[j, LENGTH]
         tip_g, force_g, arm = derivatives(rod_row, TIP_G), derivatives(rod_row, FORCE_G), pair(rod_row, ARM_X)
@@ -154,10 +178,9 @@ def _slope(legs: Array, x: Array, motion: Array, driven: Array, work: Workspace)
         yielding = Yielding(turn, applied(tip_g, step), applied(force_g, step), bends)
         share = cubic_share(yielding, arm, pair(rod_row, FORCE_X))
         by_turn = moment(arm, share.by_arm) + share.by_turn
-        for i in range(legs.shape[0]):
+        for i in range(driven.shape[0]):
             tip, pull = applied(tip_g, pair(driven[i], 2 * j)), applied(force_g, pair(driven[i], 2 * j))
-            by_input[i] += share.by_tip[0] * tip[0] + share.by_tip[1] * tip[1]
-            by_input[i] += share.by_pull[0] * pull[0] + share.by_pull[1] * pull[1]
-            by_input[i] += by_turn * (driven[i, pose + 2] if is_platform else 0.0)
-        by_input[j] += legs[j, TURN] * share.by_clamp
-    return math.sqrt((by_input * by_input).sum())
+            by_driven[i] += share.by_tip[0] * tip[0] + share.by_tip[1] * tip[1]
+            by_driven[i] += share.by_pull[0] * pull[0] + share.by_pull[1] * pull[1]
+            by_driven[i] += by_turn * (driven[i, pose + 2] if is_platform else 0.0)
+        by_clamp[j] = share.by_clamp

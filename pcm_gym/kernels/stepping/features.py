@@ -22,7 +22,7 @@ from pcm_gym.kernels.statics.closure import (
     actuator_of,
     pair,
 )
-from pcm_gym.kernels.statics.formulas import Pair
+from pcm_gym.kernels.statics.formulas import Pair, clamp_angle, scaled, turned
 from pcm_gym.kernels.stepping.goals import set_pose_seen
 from pcm_gym.kernels.structure.strength import actuator_force
 
@@ -157,6 +157,21 @@ def force_and_periods(g: Pair, features: Array, first: int) -> tuple[Pair, float
     scale = LOAD_SCALE + math.sqrt(g[0] * g[0] + g[1] * g[1])
     force, share = (scale * features[first + 2], scale * features[first + 3]), features[first + 4]
     return force, share / (1.0 - share)
+
+
+@kernel
+def set_loads_seen(
+    legs: Array, states: Array, inputs: Array, features: Array, tip_forces: Array, efforts: Array
+) -> None:
+    """Fill the forces on the rods' tips (n, legs, 2), world frame, and what actuators give (n, legs), from features."""
+    columns = columns_of(legs, states.shape[1] - 2 * legs.shape[0])
+    for n in range(states.shape[0]):
+        for i in range(legs.shape[0]):
+            force, _ = force_and_periods(pair(states[n], 2 * i), features[n], columns.rods + ROD_FEATURES * i)
+            angle, scale = clamp_angle(actuator_of(legs, i), inputs[n, i]), 1.0 / _force_scale(legs, i)
+            tip_forces[n, i, 0], tip_forces[n, i, 1] = turned(scaled(scale, (math.cos(angle), math.sin(angle))), force)
+            share = features[n, columns.efforts + i]
+            efforts[n, i] = LOAD_SCALE * share / (1.0 - abs(share))
 
 
 @formula
