@@ -13,12 +13,12 @@ SHELL       := bash
 MAKEFLAGS   += --no-builtin-rules --no-print-directory
 
 RUN_EXTRAS   := agents,render
-TEST_EXTRAS  := agents,contrib,render,window,docs,site,test
+TEST_EXTRAS  := agents,contrib,onnx,render,window,docs,site,test
 BENCH_EXTRAS := agents,render,explore,bench
 DOCS_EXTRAS  := docs
 SITE_EXTRAS  := site
 PEERS_EXTRAS := peers
-ALL_EXTRAS   := agents,contrib,render,window,explore,test,bench,docs,site,peers
+ALL_EXTRAS   := agents,contrib,onnx,render,window,explore,test,bench,docs,site,peers
 DEFINITIONS  := pyproject.toml constraints.txt
 IN_VENV      := $(VENV)/bin/python -m
 RUN_STAMP    := $(VENV)/.installed-run

@@ -19,6 +19,7 @@ def export(
     output: Annotated[
         Path | None, typer.Option(help=f"File to write, ending in .npz; {POLICY} beside the model by default.")
     ] = None,
+    onnx: Annotated[bool, typer.Option("--onnx", help="Write an ONNX model beside it, ending in .onnx.")] = False,
 ) -> None:
     """Write a trained agent as a policy that `pcm_gym.load_policy` reads: NumPy only, no torch, no pickles."""
     with errors_in_words(console):
@@ -27,5 +28,8 @@ def export(
         files = find_trained(trained)
         warn_of_foreign(console, files.pickles)
         path = output or files.folder / POLICY
-        exported(files).save(path)
+        policy = exported(files)
+        policy.save(path)
+        if onnx:
+            policy.save_onnx(path.with_suffix(".onnx"))
         console.print(f'Policy: {path}. Use it with: pcm_gym.load_policy("{path}")', markup=False, soft_wrap=True)

@@ -62,6 +62,21 @@ class Policy:
         """Write it to a file, which `load_policy` reads."""
         write_policy(file_path("path", path), self._network, self._card)
 
+    def save_onnx(self, path: str | os.PathLike[str]) -> None:
+        """Write it as an ONNX model, with its card among the properties; needs the extra ``onnx``.
+
+        The model takes the entries of observations, each (n, k), in single precision, and returns `action`, (n, legs).
+
+        Raises
+        ------
+        ImportError
+            If onnx is not installed.
+        """
+        target = Path(file_path("path", path))
+        from pcm_gym.policies.onnx_file import write_onnx
+
+        write_onnx(target, self._network, self._card)
+
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Policy":
         """Read it from a file; no code in it is run.
