@@ -103,7 +103,7 @@ def make_batch(environment_id: str, on_instability: str, step_size: float, num_e
         max_episode_steps=_EPISODE_STEPS,
         autoreset_mode=AutoresetMode.DISABLED,
     )
-    return env  # type: ignore[no-any-return]
+    return env  # type: ignore[no-any-return]  # of a batch that is registered
 
 
 def endure(

@@ -39,7 +39,7 @@ class Algorithm:
             If it is not installed; the message names the extra that brings it.
         """
         try:
-            return resolve_name(self.path)  # type: ignore[no-any-return]
+            return resolve_name(self.path)  # type: ignore[no-any-return]  # a class
         except ModuleNotFoundError as error:
             hint = f"{error.name} is not installed: pip install -e '.[{self.extra}]'"
             raise ModuleNotFoundError(hint, name=error.name) from error

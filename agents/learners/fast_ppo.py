@@ -63,6 +63,7 @@ class FastPPO(stable_baselines3.PPO):
             with torch.no_grad():
                 chosen, values, log_probs = self.policy(obs_as_tensor(observations, self.device))
             actions = chosen.numpy()
+            # actions are Boxes
             clipped = np.clip(actions, self.action_space.low, self.action_space.high)  # type: ignore[attr-defined]
             new_observations, rewards, dones, infos = env.step(clipped)
             self.num_timesteps += env.num_envs
@@ -74,7 +75,7 @@ class FastPPO(stable_baselines3.PPO):
             self._bootstrap(rewards, infos, ended)
             starts: Any = self._last_episode_starts
             rollout_buffer.add(observations, actions, rewards, starts, values, log_probs)
-            self._last_obs, self._last_episode_starts = new_observations, dones  # type: ignore[assignment]
+            self._last_obs, self._last_episode_starts = new_observations, dones  # type: ignore[assignment]  # of a Dict
         rollout_buffer.compute_returns_and_advantage(self._values(self._last_obs), dones)
         callback.update_locals(locals())
         callback.on_rollout_end()
@@ -120,7 +121,7 @@ class FastPPO(stable_baselines3.PPO):
         progress, clip_range_vf = self._current_progress_remaining, self.clip_range_vf
         return Terms(
             self.clip_range(progress),  # type: ignore[operator]  # a schedule since `_setup_model`
-            None if clip_range_vf is None else clip_range_vf(progress),  # type: ignore[operator]
+            None if clip_range_vf is None else clip_range_vf(progress),  # type: ignore[operator]  # likewise
             self.ent_coef,
             self.vf_coef,
             self.normalize_advantage,

@@ -43,7 +43,7 @@ class LearntPolicy:
     def __call__(self, observation: dict[str, NDArray[Any]]) -> Array:
         """Actions (n, actuators) for observations (n, ...)."""
         if self._normaliser is not None:
-            observation = self._normaliser.normalize_obs(observation)  # type: ignore[assignment]
+            observation = self._normaliser.normalize_obs(observation)  # type: ignore[assignment]  # of its kind
         actions, _ = self._model.predict(observation, deterministic=self.is_deterministic)
         return np.asarray(actions, dtype=np.float64)
 

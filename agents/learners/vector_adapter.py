@@ -45,11 +45,12 @@ class NativeVecEnv(VecEnv):
         """First observations of new episodes; the infos are left in `reset_infos`."""
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         reset: Any = self.batch.reset  # Gymnasium declares a single seed and takes a list as well
+        observations: VecEnvObs
         observations, infos = reset(seed=seeds, options=self._options[0] or None)
         self.reset_infos = list(Infos(infos, self.num_envs))
         self._reset_seeds()
         self._reset_options()
-        return observations  # type: ignore[no-any-return]
+        return observations
 
     def set_options(self, options: list[Info] | Info | None = None) -> None:
         """Keep options for the next reset; a batch takes one dictionary for all its environments."""

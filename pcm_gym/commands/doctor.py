@@ -153,7 +153,7 @@ def _compiled() -> Iterator[tuple[Verdict, str]]:
 def _solver() -> Iterator[tuple[Verdict, str]]:
     from pcm_gym.kernels.enumeration.forward_search import find_starts
 
-    if not find_starts.is_kept:  # type: ignore[attr-defined]
+    if not find_starts.is_kept:  # type: ignore[attr-defined]  # a Kernel
         yield Verdict.NOTE, "not tried, because it is not compiled for these sources yet: `pcm-gym warmup`"
         return
     import pcm_gym

@@ -97,7 +97,7 @@ class RodData(FileData):
             raise ValueError("a rod must have a bending_stiffness, or a section and a material")
         section = None if self.section is None else self.section.made()
         material = self.material.made() if isinstance(self.material, MaterialData) else _MATERIALS.get(self.material)
-        return Rod(self.length, self.bending_stiffness, section, material)  # type: ignore[arg-type]
+        return Rod(self.length, self.bending_stiffness, section, material)  # type: ignore[arg-type]  # it checks
 
 
 class RevoluteData(FileData):
