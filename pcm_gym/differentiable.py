@@ -205,7 +205,7 @@ class _Advance(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, by_inputs: Tensor | None, *by_told: Tensor | None) -> tuple[Tensor, Tensor, None]:
+    def backward(ctx: Any, by_inputs: "Tensor | None", *by_told: "Tensor | None") -> tuple[Tensor, Tensor, None]:
         """Carry gradients of the states back to inputs and increments, which share them."""
         mechanism, states, flows, told = ctx.step
         units, total = mechanism.units, np.zeros(states.inputs.shape)

@@ -141,11 +141,14 @@ def truth_array(name: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.boo
 
 
 def file_path(name: str, value: Any) -> Path:
-    """Return `value` as a path; raise if it is none."""
+    """Return `value` as a path; raise if it is none. Empty text is none, though it stands for a folder elsewhere."""
     try:
-        return Path(value)
+        path = Path(value)
     except TypeError:
         raise TypeError(f"{name} must be a path, got {shown(value)}") from None
+    if value == "":
+        raise ValueError(f"{name} must be a path, got an empty text")
+    return path
 
 
 def limit_pair(name: str, value: Any) -> tuple[float, float]:

@@ -35,6 +35,9 @@ _EDGE_SIZES, _HALVINGS = (0.04, 1.2), 6
 _LEAST_DIAMETER = 4.0
 # Part of the states at their goal that makes a success.
 _SHARE = 0.8
+# Parts of the way from a known state of a path to where an episode is to begin: what is left of it where all of it, or
+# the last part, is no safe step.
+_NEARER = (0.5, 0.25, 0.125, 0.0)
 
 
 class _Tier(NamedTuple):
@@ -247,25 +250,34 @@ def _diameter(curve: Array) -> float:
 def _starts(scene: Scene, library: Paths, tier: _Tier, chosen: Integers, first: Array, part: Array) -> States:
     """Return states on paths in parts (n,) of their sizes, at places (n,) in steps.
 
-    `first` and `part` are changed to those of the next known state where no safe step leads to them from there.
+    `first` and `part` are brought nearer to those of the next known state where no safe step leads to them from there.
     """
     nearest = np.rint(first).astype(np.int64) % _PERIOD
     states = scene.states(library.x[chosen, nearest], library.inputs[chosen, nearest])
     if scene.origin is not None:
         return states
-    phases = 2.0 * math.pi / _PERIOD * first[:, None]
-    points = _points(library.curve[chosen], phases)[:, 0]
-    poses = library.pose[chosen] + (library.size[chosen] * part)[:, None] * points
+    away, smaller = (first - nearest + 0.5 * _PERIOD) % _PERIOD - 0.5 * _PERIOD, part - 1.0
+    missing = np.arange(len(first))
+    for share in _NEARER:
+        known = States(*(array[missing] for array in states))
+        points = _points(library.curve[chosen[missing]], 2.0 * math.pi / _PERIOD * first[missing, None])[:, 0]
+        poses = library.pose[chosen[missing]] + (library.size[chosen[missing]] * part[missing])[:, None] * points
+        arrived = _moved(scene, poses, known)
+        for array, values in zip(states, known, strict=True):
+            array[missing[arrived]] = values[arrived]
+        missing = missing[~arrived]
+        first[missing], part[missing] = nearest[missing] + share * away[missing], 1.0 + share * smaller[missing]
+    return states
+
+
+def _moved(scene: Scene, poses: Array, states: States) -> Mask:
+    """Move states to poses (n, d), each in a step; return which of them (n,) have safely got there."""
     mechanism, most = scene.mechanism, np.full(scene.mechanism.leg_count, math.inf)
     arrived = np.empty(len(poses), dtype=np.bool_)
-    known = States(*(array.copy() for array in states)) if scene.limits else states
     step_to_poses(mechanism.leg_table, poses, most, scene.reserve, states, arrived)
     if scene.limits:
         arrived &= scene.structure.are_kept(states.x, states.inputs)
-        for array, values in zip(states, known, strict=True):
-            array[~arrived] = values[~arrived]
-    first[~arrived], part[~arrived] = nearest[~arrived], 1.0
-    return states
+    return arrived
 
 
 def _points(curves: Array, phases: Array) -> Array:

@@ -367,6 +367,8 @@ def _of_tasks(name: str) -> Iterator[Door]:
     yield Door("Scene.starts", place.starts, {"numbers": numbers, "threads": 1}, ("numbers",))
     yield Door("Scene.nodes", place.nodes, {"numbers": numbers[:, 0]}, ("numbers",))
     yield Door("Scene.check_seed", place.check_seed)
+    yield Door("Scene.check_roadmap", place.check_roadmap)
+    yield Door("Scene.announce", place.announce)
     nodes = np.array([0, 1])
     straight = {"start": place.at_nodes(nodes), "ends": place.at_nodes(nodes), "threads": 1}
     yield Door("Scene.leads_straight", place.leads_straight, straight)

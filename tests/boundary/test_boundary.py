@@ -25,6 +25,7 @@ EXEMPT = {
     "RodCrossing": "a named tuple, which the package hands out",
     "MechanismFileError": "an exception",
     "Policy.save": "it writes a file: the tests of policies",
+    "Policy.save_onnx": "it writes a file: the tests of ONNX models",
     "PolicyError": "an exception",
     "SearchBudgetError": "an exception",
     "Task.progress_metrics": "a hook, which the package calls",
