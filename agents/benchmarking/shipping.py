@@ -83,10 +83,13 @@ def ship(benchmark: BenchmarkConfig, runs: Path, folder: Path, told: Callable[[s
     written = 0
     for cells in _trained(benchmark, runs).values():
         candidates = [_candidate(runs / cell.name, benchmark.episodes) for cell in cells]
+        judged: dict[str, Policy] = {}  # whoever is the best and the safest is judged once
         for key, chosen in _chosen(cells[0].tier, candidates):
-            policy = _judged(chosen)
-            policy.save(folder / key.file_name)
-            told(f"{key.file_name}: {chosen.config.name}")
+            name = chosen.config.name
+            if name not in judged:
+                judged[name] = _judged(chosen)
+            judged[name].save(folder / key.file_name)
+            told(f"{key.file_name}: {name}")
             written += 1
     if not written:
         raise UsageError(f"{runs}: no agent of benchmark {benchmark.name!r} has been trained there")

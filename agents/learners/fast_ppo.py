@@ -63,7 +63,7 @@ class FastPPO(stable_baselines3.PPO):
             with torch.no_grad():
                 chosen, values, log_probs = self.policy(obs_as_tensor(observations, self.device))
             actions = chosen.numpy()
-            # actions are Boxes
+            # the space of the actions is a Box
             clipped = np.clip(actions, self.action_space.low, self.action_space.high)  # type: ignore[attr-defined]
             new_observations, rewards, dones, infos = env.step(clipped)
             self.num_timesteps += env.num_envs

@@ -226,6 +226,12 @@ def solve_equilibrium_system(legs: Array, x: Array, right: Array, work: Workspac
     """
     if set_leg_stiffness(legs, work) > CONDENSATION_LIMIT:
         return _solve_condensed(legs, x, right, work)
+    return solve_whole_system(legs, x, right, work)
+
+
+@kernel
+def solve_whole_system(legs: Array, x: Array, right: Array, work: Workspace) -> bool:
+    """Do the same without condensing the rods, which costs digits of their forces where they are stiff."""
     size = x.shape[0]
     set_matrix(legs, x, work)
     for row in range(size):

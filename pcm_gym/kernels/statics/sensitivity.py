@@ -16,7 +16,7 @@ import numpy as np
 
 from pcm_gym.arrays import Array
 from pcm_gym.kernels.numerics.compilation import formula, kernel
-from pcm_gym.kernels.numerics.linear import diagonalize, solve_linear
+from pcm_gym.kernels.numerics.linear import diagonalize
 from pcm_gym.kernels.statics.closure import (
     ARM_X,
     AXIS_X,
@@ -31,7 +31,7 @@ from pcm_gym.kernels.statics.closure import (
     make_workspace,
     pair,
     place,
-    set_matrix,
+    solve_whole_system,
 )
 from pcm_gym.kernels.statics.formulas import Pair, applied, moment, turned
 from pcm_gym.kernels.statics.margin import set_motion_along, set_slopes, set_yielding
@@ -118,18 +118,6 @@ def _set_residual_rate(legs: Array, x: Array, turn: Pair, effects: Array, work: 
 
 
 @kernel
-def _solve_whole(legs: Array, x: Array, right: Array, work: Workspace) -> bool:
-    """Solve J step = -right without condensing the rods, which costs digits of their forces where they are stiff."""
-    size = x.shape[0]
-    set_matrix(legs, x, work)
-    for row in range(size):
-        work.vector[row] = -right[row]
-    regular = solve_linear(work.matrix, work.vector, size)
-    work.step[:] = work.vector[:size]
-    return regular
-
-
-@kernel
 def set_rates(legs: Array, x: Array, effects: Array, with_margin: bool, work: Workspace, scratch: Scratch) -> bool:
     """Fill the rates of the state `x`, whose rod table is set, with parameters of these effects (m, legs, `EFFECTS`).
 
@@ -140,7 +128,7 @@ def set_rates(legs: Array, x: Array, effects: Array, with_margin: bool, work: Wo
     turn, rods, moved = _turn_of(x, legs.shape[0]), work.rods, work.step
     for k in range(effects.shape[0]):
         _set_residual_rate(legs, x, turn, effects[k], work, right)
-        regular = _solve_whole(legs, x, right, work) and regular
+        regular = solve_whole_system(legs, x, right, work) and regular
         for j in range(x.shape[0]):
             driven[k, j] = moved[j]
         for d in range(x.shape[0] - pose):
